@@ -16,6 +16,7 @@ from skiros2_gui.learning.widgets.tab import LearningTab
 from skiros2_learning.core.evaluation import evaluate
 from skiros2_learning.core.scenario import parse_scenario
 from skiros2_learning.core.study import LearningStudy
+from skiros2_learning.core.validation import repeat_here, validate
 from skiros2_skill.core.engine.learned_parameters import learned_values
 from support.window.local_system import LocalSystem
 from support.window.synchronous import make_window
@@ -36,13 +37,15 @@ repetitions: 2
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a study of three evaluations, the second one the best, and something that is not a study."""
+    """A folder with a study of three evaluations, the second one the best and validated, and something that is not a
+    study."""
     folder = tmp_path_factory.mktemp("studies")
     study = LearningStudy.create(parse_scenario(TEXT, folder), folder / "digging")
     for x in (0.7, 0.31, 0.1):
         study.enqueue({"x": x, "Dig.x": 0.25})
         number, configuration, seed = study.ask()
         study.tell(number, evaluate(study.scenario, configuration, seed))
+    validate(study, repeat_here())
     (folder / "broken").mkdir()
     (folder / "broken/scenario.yaml").write_text("scenario: [")
     return folder
@@ -86,7 +89,10 @@ def status(tab: LearningTab) -> str:
 
 
 def test_studies_of_the_folder_are_listed_with_their_progress(tab: LearningTab) -> None:
-    assert texts(tab, "studyList") == [("broken", "", "cannot be read"), ("digging", "3 of 100", "100%")]
+    assert texts(tab, "studyList") == [
+        ("broken", "", "cannot be read", ""),
+        ("digging", "3 of 100", "100%", "30 of 30, 95 % interval 89 to 100 %"),
+    ]
 
 
 def test_evaluations_are_listed_the_best_first_with_pictures(tab: LearningTab) -> None:
@@ -114,6 +120,16 @@ def test_a_configuration_is_applied_and_taken_back(tab: LearningTab, window: Win
     assert status(tab).endswith("is reverted")
     assert learned_values("Dig", {}, window.system.world) == {}
     assert applied.count() == 0
+
+
+def test_the_validation_is_shown_and_other_configurations_are_not_applied(tab: LearningTab, window: Window) -> None:
+    select(tab, "studyList", "digging")
+    shown: QLabel = tab.findChild(QLabel, "studyValidation")
+    assert "evaluation 1: success 30 of 30, 95 % interval 89 to 100 %; cost " in shown.text()
+    select(tab, "configurationList", "2")
+    refused = "evaluation 2 is not validated; validated is 1; --unvalidated applies it all the same"
+    with pytest.raises(studies.SkirosError, match=refused):
+        studies.apply_configuration(window.system.world, Path(tab.settings()["folder"]) / "digging", 2)
 
 
 def test_an_evaluation_is_replayed(tab: LearningTab, monkeypatch: pytest.MonkeyPatch) -> None:

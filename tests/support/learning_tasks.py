@@ -81,6 +81,24 @@ def bowl(scenario: Scenario, configuration: Mapping[str, Value], seed: int, inde
     return record(value, succeeded=value < 0.01)
 
 
+def default_configuration(scenario: Scenario) -> Mapping[str, Value]:
+    """The `defaults` of the settings; none without."""
+    return dict(scenario.settings.get("defaults", {}))
+
+
+def chance_rate(x: float) -> float:
+    """The true rate of `chance`: 0.8 at x = 0.3, less elsewhere."""
+    return max(0.05, 0.8 - 1.5 * abs(x - 0.3))
+
+
+def chance(scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int) -> EpisodeRecord:
+    """Succeeds by chance, at a known rate; the value is x with normal noise of deviation 1. Each configuration has its
+    own luck, as in physics."""
+    x = float(configuration["x"])
+    random = np.random.default_rng([seed, index, int(x * 1e9)])
+    return record(x + float(random.normal()), succeeded=bool(random.random() < chance_rate(x)))
+
+
 def moving_bowl(scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int) -> EpisodeRecord:
     """A bowl whose optimum is a function of the feature f, not a linear one."""
     x, y = moving_optimum(scenario.variation["f"])

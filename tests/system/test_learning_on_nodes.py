@@ -48,6 +48,7 @@ SCENARIO: dict[str, Any] = {
     "simulation": {"time_limit": 60},
     "budget": {"evaluations": 2, "initial": 2},
     "repetitions": 1,
+    "validation": {"candidates": 1, "repetitions": 2},
 }
 
 
@@ -90,10 +91,12 @@ def test_executions_are_confirmed_and_judged_by_signals_and_the_world_model(ros:
     assert refused.returncode == 1
     assert refused.stderr == "learn: each execution needs the operator's confirmation at a terminal, or --yes\n"
 
-    ended = cell.learn("resume", study, answers="what\nn\ny\n")
+    ended = cell.learn("resume", study, answers="what\nn\ny\ny\ny\n")
     assert ended.returncode == 0, ended.stderr
     assert "execution 1 of 1 with Push.GoalX=0." in ended.stdout
-    results = json.loads(cell.learn("status", study, "--json").stdout)
+    assert "execution 2 of 2 with Push.GoalX=0." in ended.stdout
+    assert "success 2 of 2, 95 % interval 34 to 100 %" in ended.stdout
+    results = json.loads(cell.learn("status", study, "--json").stdout)["results"]
     declined, done = results.values()
     assert declined["error"] == "repetition 0: the operator has not confirmed"
     assert done["error"] == ""

@@ -10,9 +10,10 @@ from skiros2_common.core.abstract_skill import SkillDescription
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_learning.core.evaluation import Evaluation
+from skiros2_learning.core.evaluation import Evaluation, Repetition
 from skiros2_learning.core.parameter_sets import apply_result, remove_set
 from skiros2_learning.core.scenario import load_scenario
+from skiros2_learning.core.validation import Sample
 from skiros2_skill.core.skill import SkillBase
 from skiros2_skill.testing import SkillBench
 
@@ -44,6 +45,26 @@ def test_a_start_without_values_is_refused_until_a_result_is_applied(bench: Skil
     remove_set(bench.wmi, added.id)
     with pytest.raises(WrongValue, match="required parameter 'StartX'"):
         bench.command("Push", **task)
+
+
+def test_a_set_has_its_validation_as_properties(bench: SkillBench) -> None:
+    def judged(is_success: bool) -> Repetition:
+        return Repetition({"goal": 0.9, "force": 30.0}, {}, {}, is_success, "", 5.0)
+
+    sample = Sample(5, dict(VALUES), 99, tuple(judged(index < 28) for index in range(30)))
+    (added,) = apply_result(bench.wmi, PUSH, 5, RESULT, "2026-01-01T12:00:00", validated=sample)
+    found = {
+        key: added.value_of(f"skiros:{key}")
+        for key in ("Validated", "Successes", "Executions", "SuccessRate", "LowestSuccessRate", "HighestSuccessRate")
+    }
+    assert found == {
+        "Validated": True, "Successes": 28, "Executions": 30, "SuccessRate": pytest.approx(0.933, abs=1e-3),
+        "LowestSuccessRate": pytest.approx(0.787, abs=1e-3), "HighestSuccessRate": pytest.approx(0.982, abs=1e-3),
+    }  # fmt: skip
+    assert added.getProperty("skiros:Reward").values == ["goal=0.9", "force=30"]
+    (other,) = apply_result(bench.wmi, PUSH, 6, RESULT, "2026-01-01T12:00:00")
+    assert other.value_of("skiros:Validated") is False
+    assert not other.hasProperty("skiros:Executions")
 
 
 def test_given_values_and_newer_sets_come_first(bench: SkillBench) -> None:

@@ -31,17 +31,36 @@ def test_a_study_is_run_shown_reported_replayed_and_resumed(
     assert "[12/12]" in output
     assert "s left, best success 100%" in output
     assert main(["status", study, "--json"]) == 0
-    results = json.loads(capsys.readouterr().out)
-    assert len(results) == 12
+    shown = json.loads(capsys.readouterr().out)
+    assert len(shown["results"]) == 12
+    number = shown["validation"]["learned"]["number"]
+    assert f"evaluation {number}: success 30 of 30, 95 % interval 89 to 100 %; cost" in output
+    assert f"chosen: evaluation {number}; the skill has no defaults to compare with" in output
     assert main(["report", study]) == 0
     report = (tmp_path / "study/report.html").read_text()
-    for part in ("Pareto-optimal", "Convergence", "Importance", "image/png"):
+    for part in ("Validation", "Pareto-optimal", "Convergence", "Importance", "image/png"):
         assert part in report
     capsys.readouterr()
     assert main(["replay", study, "4"]) == 0
     assert "the result is the same" in capsys.readouterr().out
     assert main(["resume", study, "--workers", "1", "--evaluations", "14"]) == 0
     assert "[14/14]" in capsys.readouterr().out
+
+
+def test_a_study_is_validated_later_and_applied_only_then(
+    file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study = str(tmp_path / "study")
+    assert main(["run", file, "--study", study, "--workers", "1", "--evaluations", "3", "--no-validation"]) == 0
+    assert f"not validated: the rates below are optimistic; run: learn validate {study}\n" in capsys.readouterr().out
+    assert main(["apply", study, "1"]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith(f"learn: study 'parabola' is not validated; run: learn validate {study}; or --unvalidated ")
+    assert error.count("\n") == 1
+    assert main(["validate", study, "--workers", "1"]) == 0
+    assert "of 30, 95 % interval" in capsys.readouterr().out
+    assert main(["status", study]) == 0
+    assert "validated with draws that the search has not seen:" in capsys.readouterr().out
 
 
 def test_each_mistake_is_one_line_on_stderr(file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

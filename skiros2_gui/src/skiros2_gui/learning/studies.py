@@ -33,6 +33,8 @@ _MAIN = "import sys; from skiros2_learning.command_line.program import main; sys
 class ListedStudy:
     """A study in a list.
 
+    :param success: best success rate of the search, which is optimistic.
+    :param validated: the success of the validated configuration with its interval; "" if the study is not validated.
     :param problem: why it cannot be read; "" if it can.
     """
 
@@ -41,6 +43,7 @@ class ListedStudy:
     counted: int = 0
     budget: int = 0
     success: float = 0.0
+    validated: str = ""
     problem: str = ""
 
 
@@ -48,11 +51,12 @@ class ListedStudy:
 class Configuration:
     """An evaluation in a table.
 
+    :param success: its success in the search.
     :param values: its objectives, then its configuration, as texts.
     """
 
     number: int
-    success: float
+    success: str
     is_optimal: bool
     values: tuple[str, ...]
 
@@ -63,12 +67,14 @@ class StudyView:
 
     :param headers: of `Configuration.values`.
     :param pictures: PNG files by title.
+    :param validation: lines for people.
     """
 
     folder: Path
     headers: tuple[str, ...]
     configurations: tuple[Configuration, ...]
     pictures: dict[str, bytes]
+    validation: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -96,6 +102,7 @@ def read_study(folder: Path) -> StudyView:
     """
     study = _open(folder)
     from skiros2_learning.core import report
+    from skiros2_learning.core.validation import stored_validation, validation_lines
 
     ranked = study.ranked()  # before the results, since other processes add some meanwhile
     results = study.results()
@@ -108,7 +115,7 @@ def read_study(folder: Path) -> StudyView:
         result = results[number]
         values = [f"{result.objectives[name]:.4g}" for name in objectives]
         values += [report.format_value(result.configuration[name]) for name in names]
-        rows.append(Configuration(number, result.success_rate, number in optimal, tuple(values)))
+        rows.append(Configuration(number, report.search_share(result), number in optimal, tuple(values)))
     figures: dict[str, Any] = {}
     if complete:
         if len(objectives) == 2:
@@ -119,7 +126,10 @@ def read_study(folder: Path) -> StudyView:
             figures["Importance"] = report.importance(study)
         figures["Configurations"] = report.configurations(study.scenario, complete)
     pictures = {title: _png(figure) for title, figure in figures.items()}
-    return StudyView(folder, (*objectives, *names), tuple(rows), pictures)
+    found = stored_validation(study)
+    text = f"not validated: the rates are optimistic; run: learn validate {folder}"
+    lines = (text,) if found is None else tuple(validation_lines(study.scenario, found))
+    return StudyView(folder, (*objectives, *names), tuple(rows), pictures, lines)
 
 
 def replay(folder: Path, number: int) -> str:
@@ -140,13 +150,15 @@ def replay(folder: Path, number: int) -> str:
 def apply_configuration(wmi: WorldModelPort, folder: Path, number: int) -> list[str]:
     """Stores a configuration in the world model. Returns the ids of the parameter sets.
 
-    :raises SkirosError: the study or the world model refuses.
+    :raises SkirosError: the study or the world model refuses, such as if the configuration is not validated.
     """
     study = _open(folder)
     from skiros2_learning.core.parameter_sets import apply_result
+    from skiros2_learning.core.validation import applicable
 
+    _, result, sample = applicable(study, number)
     date = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
-    added = apply_result(wmi, study.scenario, number, study.result(number), date, str(folder.resolve()))
+    added = apply_result(wmi, study.scenario, number, result, date, str(folder.resolve()), sample)
     return [each.id for each in added]
 
 
@@ -170,11 +182,16 @@ def _listed(folder: Path) -> ListedStudy:
     try:
         study = _open(folder)
         rates: Sequence[float] = [each.success_rate for each in study.results().values()]
+        from skiros2_learning.core.validation import share_text, stored_validation
+
+        found = stored_validation(study)
     except MissingPackage:
         raise
     except SkirosError as error:
         return ListedStudy(folder, folder.name, problem=str(error))
-    return ListedStudy(folder, folder.name, study.counted, study.scenario.budget.evaluations, max(rates, default=0.0))
+    validated = "" if found is None else share_text(found.learned)
+    budget, best = study.scenario.budget.evaluations, max(rates, default=0.0)
+    return ListedStudy(folder, folder.name, study.counted, budget, best, validated)
 
 
 def _open(folder: Path) -> LearningStudy:

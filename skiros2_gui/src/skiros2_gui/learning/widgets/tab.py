@@ -47,7 +47,7 @@ class LearningTab(QWidget):
         self._folder.setObjectName("studyFolder")
         self._folder.setPlaceholderText("folder with studies")
         self._folder.returnPressed.connect(self.refresh)
-        self._studies = RowsView(RowsModel(("Study", "Evaluations", "Best success")), 0)
+        self._studies = RowsView(RowsModel(("Study", "Evaluations", "Best success", "Validated")), 0)
         self._studies.setObjectName("studyList")
         self._configurations = RowsView(RowsModel(("Evaluation", "Success", "Optimal")), 2)
         self._configurations.setObjectName("configurationList")
@@ -59,6 +59,7 @@ class LearningTab(QWidget):
         self._sets = QComboBox()
         self._sets.setObjectName("appliedSets")
         self._status = text_label("learningStatus")
+        self._validation = text_label("studyValidation")
         self._replay = push_button("Replay", "replayButton", self.replay, "Runs the evaluation again, without nodes")
         self._apply = push_button(
             "Apply", "applyButton", self.apply, "Stores the configuration: skills use it when they start"
@@ -121,9 +122,13 @@ class LearningTab(QWidget):
 
     def _show_studies(self, found: list[studies.ListedStudy]) -> None:
         rows = [
-            Row((each.name, f"{each.counted} of {each.budget}", f"{each.success:.0%}"), str(each.folder), each)
+            Row(
+                (each.name, f"{each.counted} of {each.budget}", f"{each.success:.0%}", each.validated or "no"),
+                str(each.folder),
+                each,
+            )
             if not each.problem
-            else Row((each.name, "", "cannot be read"), each.problem, each, "failure")
+            else Row((each.name, "", "cannot be read", ""), each.problem, each, "failure")
             for each in found
         ]
         self._studies.rows.show_rows(rows)
@@ -138,8 +143,9 @@ class LearningTab(QWidget):
 
     def _show_study(self, view: studies.StudyView) -> None:
         self._view = view
+        self._validation.setText("\n".join(view.validation))
         rows = [
-            Row((str(each.number), f"{each.success:.0%}", "yes" if each.is_optimal else "", *each.values), "", each)
+            Row((str(each.number), each.success, "yes" if each.is_optimal else "", *each.values), "", each)
             for each in view.configurations
         ]
         self._configurations.rows.show_rows(rows, ("Evaluation", "Success", "Optimal", *view.headers))
@@ -224,5 +230,6 @@ class LearningTab(QWidget):
         column = QVBoxLayout(self)
         column.addLayout(top)
         column.addWidget(both, 1)
+        column.addWidget(self._validation)
         column.addLayout(actions)
         column.addWidget(self._status)

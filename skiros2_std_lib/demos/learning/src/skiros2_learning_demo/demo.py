@@ -1,9 +1,10 @@
-"""The demos of learning: parameters are learned without and with priors, the best configurations are tried again with
-new draws, and the chosen one is proven."""
+"""The demos of learning: parameters are learned without and with priors, the study is validated, and the configuration
+that it chooses, learned or of the skill's defaults, is proven."""
 
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import shutil
 import sys
@@ -19,24 +20,22 @@ from skiros2_bags.core.run import Finding
 from skiros2_common.command_line.command import CommandResult, Parser, command_arguments, run_command
 from skiros2_common.command_line.layout import next_commands
 from skiros2_contact_skills.contact_primitive import MAX_FORCE
-from skiros2_learning.command_line.program import Progress
-from skiros2_learning.core.evaluation import Evaluation, find_execution, seed_of
-from skiros2_learning.core.report import describe, write_report
+from skiros2_learning.command_line.running import Progress
+from skiros2_learning.core.evaluation import find_execution
+from skiros2_learning.core.report import write_report
 from skiros2_learning.core.scenario import Scenario, load_scenario
 from skiros2_learning.core.study import LearningStudy
-from skiros2_learning.core.variables import Value
-from skiros2_learning.core.workers import Runner
-from skiros2_learning.local.insertion import ARM_FORCE, DEPTH, default_configuration
+from skiros2_learning.core.validation import (
+    Sample,
+    Validation,
+    applicable,
+    share_text,
+    validate,
+    validation_lines,
+)
+from skiros2_learning.core.workers import Runner, repeat_in_processes
+from skiros2_learning.local.insertion import ARM_FORCE, DEPTH
 from skiros2_learning_demo.production import produce
-
-#: Executions of the chosen configuration, with draws that nothing has used before.
-_TRIES = 10
-#: Success rate of these for a proof.
-_PROVEN = 0.8
-#: Added to the scenario's seed.
-_CONFIRMATION_SEED, _TRIAL_SEED = 1000, 2000
-
-Configuration = dict[str, Value]
 
 
 @dataclass(frozen=True)
@@ -46,8 +45,7 @@ class Demo:
     :param scenario: name of the file.
     :param cold, guided: evaluations of the short form, without and with priors.
     :param repetitions: executions of each.
-    :param candidates: best configurations that are run again; the best of many results is optimistic: it had luck.
-    :param confirmations: executions of each of these.
+    :param claimed: success rate that the interval of the chosen configuration has to exceed, for a proof.
     """
 
     name: str
@@ -56,16 +54,13 @@ class Demo:
     cold: int
     guided: int
     repetitions: int
-    candidates: int
-    confirmations: int
+    claimed: float
 
 
-PUSH = Demo(
-    "push", "a push across a table", "push.yaml", cold=100, guided=30, repetitions=3, candidates=4, confirmations=8
-)
+PUSH = Demo("push", "a push across a table", "push.yaml", cold=100, guided=30, repetitions=3, claimed=0.8)
 INSERTION = Demo(
     "insertion-learning", "the search of a bore", "insertion.yaml",
-    cold=24, guided=10, repetitions=2, candidates=3, confirmations=5,
+    cold=24, guided=10, repetitions=2, claimed=0.6,
 )  # fmt: skip
 
 
@@ -109,17 +104,21 @@ class _Run:
         shutil.rmtree(self._folder, ignore_errors=True)
         cold = self._learn("without_priors", False, self._options.cold)
         guided = self._learn("with_priors", True, self._options.guided)
-        best = [guided.result(number).configuration for number in guided.ranked()[: self._demo.candidates]]
-        confirmed = self._repeat("confirmed", best, self._demo.confirmations, _CONFIRMATION_SEED)
-        number = confirmed.ranked()[0]
-        chosen = confirmed.result(number)
-        findings, pictures = (self._insertion if self._demo is INSERTION else self._push)(confirmed, number, chosen)
+        plan = guided.scenario.validation
+        _say(
+            f"validating the best {plan.candidates}: {plan.choice} executions each, then {plan.repetitions} of the "
+            "chosen one and of the defaults, with new draws"
+        )
+        with guided.running():
+            validation = validate(guided, repeat_in_processes(self._options.workers))
+        findings, pictures = (self._insertion if self._demo is INSERTION else self._push)(guided, validation)
+        findings.insert(0, _success(validation.decided, self._demo.claimed))
         report = write_report(guided, {"without priors": cold}, pictures)
         lines = [
             "",
             f"without priors: {_summary(cold)}",
             f"with priors:    {_summary(guided)}",
-            f"chosen of the best {len(best)}, each run {self._demo.confirmations} times again: {describe(chosen)}",
+            *validation_lines(guided.scenario, validation),
             *(f"  {'✓' if each.holds else '✗'} {each.text}" for each in findings),
             f"report: {report}",
             f"{time.monotonic() - begin:.0f} s",
@@ -139,21 +138,6 @@ class _Run:
         )
         return self._run(LearningStudy.create(scenario, self._folder / name))
 
-    def _repeat(self, name: str, chosen: Sequence[Configuration], repetitions: int, seed: int) -> LearningStudy:
-        """Runs configurations with new draws, the same ones for each, and all repetitions."""
-        _say(f"running {len(chosen)} configurations {repetitions} times with new draws")
-        scenario = self._scenario.derived(
-            evaluations=len(chosen),
-            initial=0,
-            repetitions=repetitions,
-            max_failures=repetitions,
-            seed=self._scenario.seed + seed,
-        )
-        study = LearningStudy.create(scenario, self._folder / name)
-        for each in chosen:
-            study.enqueue(each, seed_of(scenario, 0))
-        return self._run(study)
-
     def _run(self, study: LearningStudy) -> LearningStudy:
         with study.running():
             Runner(study, self._options.workers, Progress(study)).run()
@@ -161,38 +145,28 @@ class _Run:
 
     # -- proofs ------------------------------------------------------------------------------------------------------
 
-    def _push(self, study: LearningStudy, number: int, chosen: Evaluation) -> tuple[list[Finding], dict[str, Figure]]:
-        tried = self._repeat("tried", [chosen.configuration], _TRIES, _TRIAL_SEED).result(0)
-        findings = [_success(tried)]
-        if self._options.nodes:
-            _say("running the chosen configuration on real nodes")
-            findings += produce(study.scenario, number, chosen, study.folder.resolve(), self._folder.resolve())
-        return findings, {}
+    def _push(self, study: LearningStudy, validation: Validation) -> tuple[list[Finding], dict[str, Figure]]:
+        if not self._options.nodes:
+            return [], {}
+        _say("running the chosen configuration on real nodes")
+        number, result, sample = applicable(study)
+        return produce(study.scenario, number, result, study.folder.resolve(), self._folder.resolve(), sample), {}
 
-    def _insertion(
-        self, study: LearningStudy, number: int, chosen: Evaluation
-    ) -> tuple[list[Finding], dict[str, Figure]]:
-        defaults = default_configuration(self._scenario)
-        configurations = {"learned": chosen.configuration, "defaults of the skill": defaults}
-        results = self._repeat("tried", list(configurations.values()), _TRIES, _TRIAL_SEED)
-        tried, usual = results.result(0), results.result(1)
-        most = max(each.rewards["force.measured_force"] for each in tried.repetitions)
-        findings = [
-            _success(tried),
-            Finding(True, f"with the defaults of the skill and the same draws: {usual.success_rate:.0%}"),
-            Finding(most <= MAX_FORCE, f"the maximum force was {most:.1f} N; {MAX_FORCE:g} N are allowed"),
-        ]
-        return findings, {"One insertion": _profiles(results.scenario, configurations, tried.seed)}
+    def _insertion(self, study: LearningStudy, validation: Validation) -> tuple[list[Finding], dict[str, Figure]]:
+        shown = [each for each in (validation.learned, validation.defaults) if each is not None]
+        most = max((r.rewards["force.measured_force"] for r in validation.decided.repetitions), default=math.inf)
+        findings = [Finding(most <= MAX_FORCE, f"the maximum force was {most:.1f} N; {MAX_FORCE:g} N are allowed")]
+        return findings, {"One insertion": _profiles(study.scenario, shown)}
 
 
-def _profiles(scenario: Scenario, configurations: dict[str, Configuration], seed: int) -> Figure:
+def _profiles(scenario: Scenario, samples: Sequence[Sample]) -> Figure:
     """Draws depth and force of one insertion for each configuration, with the same draw."""
     execution = find_execution(scenario.execution)
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     depth, force = figure.subplots(2, 1, sharex=True)
-    for title, configuration in configurations.items():
-        record = execution(scenario, configuration, seed, 0)
-        depth.plot(record.times, 1000.0 * record.values_of(DEPTH), label=title)
+    for sample in samples:
+        record = execution(scenario, sample.configuration, sample.seed, 0)
+        depth.plot(record.times, 1000.0 * record.values_of(DEPTH), label=sample.name)
         force.plot(record.times, record.values_of(ARM_FORCE), lw=0.8)
     depth.set(ylabel="depth (mm)")
     depth.legend()
@@ -200,18 +174,18 @@ def _profiles(scenario: Scenario, configurations: dict[str, Configuration], seed
     return figure
 
 
-def _success(tried: Evaluation) -> Finding:
-    good = sum(each.is_success for each in tried.repetitions)
-    text = f"with new draws, {good} of {len(tried.repetitions)} executions succeeded; {_PROVEN:.0%} are expected"
-    return Finding(tried.success_rate >= _PROVEN, text)
+def _success(chosen: Sample, claimed: float) -> Finding:
+    text = f"{chosen.name}: {share_text(chosen)}; an interval above {claimed:.0%} is expected"
+    return Finding(chosen.success.low > claimed, text)
 
 
 def _summary(study: LearningStudy) -> str:
     results = study.results()
     rates = [results[number].success_rate for number in sorted(results)]
+    times = study.scenario.repetitions
     first = next((index for index, rate in enumerate(rates, 1) if rate == 1.0), None)
-    found = f"the first configuration that always works after {first} evaluations" if first else "none always works"
-    return f"best success {max(rates, default=0.0):.0%}; {found}; mean {sum(rates) / max(1, len(rates)):.0%}"
+    found = f"the first one that succeeded {times} of {times} times was number {first}" if first else "none always did"
+    return f"{len(rates)} evaluations; best success {max(rates, default=0.0):.0%} (optimistic); {found}"
 
 
 def _say(text: str) -> None:

@@ -17,6 +17,7 @@ from skiros2_demo.simulation import Simulation
 from skiros2_learning.core.evaluation import Evaluation
 from skiros2_learning.core.parameter_sets import apply_result
 from skiros2_learning.core.scenario import Scenario
+from skiros2_learning.core.validation import Sample
 from skiros2_msgs.srv import ResourceGetDescriptions
 from skiros2_runs.core.states import SUCCESS
 from skiros2_skill.core.engine.learned_parameters import VALUE
@@ -30,11 +31,14 @@ _RATE = 2.0
 _TIMEOUT = 180.0
 
 
-def produce(scenario: Scenario, number: int, result: Evaluation, study: Path, folder: Path) -> list[Finding]:
+def produce(
+    scenario: Scenario, number: int, result: Evaluation, study: Path, folder: Path, validated: Sample | None = None
+) -> list[Finding]:
     """Starts a system of its own, applies a configuration of the push, and runs the skill without values for it.
 
     :param number: of the evaluation with the result.
     :param study, folder: of the study; for bag and logs.
+    :param validated: the repetitions of its validation.
     :raises SkirosError: a part of the system fails, or the skill does.
     """
     with System(folder) as system:
@@ -49,7 +53,7 @@ def produce(scenario: Scenario, number: int, result: Evaluation, study: Path, fo
         system.wait_for_recorder(_ROBOT, f"{_ROBOT}/monitor")
         wmi = WorldModelInterface(rospy.get_name())
         date = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
-        (applied,) = apply_result(wmi, scenario, number, result, date, str(study))
+        (applied,) = apply_result(wmi, scenario, number, result, date, str(study), validated)
         block, goal = (wmi.resolve_elements(Element("", label))[0] for label in ("Block", "Goal"))
         before = simulation.pose_of(block.id).position
         command = ["rosrun", "skiros2_skill", "run", "Push", "Object=Block", "Goal=Goal"]

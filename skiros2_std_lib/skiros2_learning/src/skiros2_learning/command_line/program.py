@@ -6,9 +6,8 @@ import argparse
 import datetime
 import os
 import sys
-import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -16,8 +15,9 @@ from skiros2_common.command_line.command import CommandResult, Parser, command_a
 from skiros2_common.core.errors import ConfigurationError, Refused, WrongValue
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_common.tools.libraries import find_libraries
+from skiros2_learning.command_line.running import run_study, validate_study
 from skiros2_learning.core.earlier_studies import with_earlier
-from skiros2_learning.core.evaluation import Evaluation, Unavailable, check_execution, evaluate, seed_of
+from skiros2_learning.core.evaluation import check_execution, evaluate, seed_of
 from skiros2_learning.core.hypermapper import import_hypermapper
 from skiros2_learning.core.parameter_sets import apply_result, remove_set
 from skiros2_learning.core.policy import Policy, learn_variations, variation_studies
@@ -25,92 +25,13 @@ from skiros2_learning.core.report import describe, format_value, status_lines, w
 from skiros2_learning.core.scenario import OPTIMISERS, Scenario, load_scenario
 from skiros2_learning.core.storage import public_name
 from skiros2_learning.core.study import LearningStudy
-from skiros2_learning.core.workers import OneByOne, Runner
+from skiros2_learning.core.validation import Sample, applicable, sample_text, share_text, stored_validation
 
 if TYPE_CHECKING:
     from skiros2_world_model.command_line.program import Cell
 
 #: Executions that check a prediction, and the success rate that they need; the number that their seed is made of.
 _CHECKS, _LEAST_SUCCESS, _CHECK_NUMBER = 5, 0.5, 1_000_000
-#: Evaluations of which the rate is the mean.
-_RECENT = 20
-
-
-class Progress:
-    """Prints a line after each evaluation: number, rate, time left, success, and the best so far."""
-
-    def __init__(self, study: LearningStudy) -> None:
-        self._study = study
-        self._times = [time.monotonic()]
-
-    def __call__(self, number: int, result: Evaluation) -> None:
-        self._times = [*self._times, time.monotonic()][-_RECENT:]
-        rate = (len(self._times) - 1) / max(1e-3, self._times[-1] - self._times[0])
-        done, budget = self._study.counted, self._study.scenario.budget.evaluations
-        best = max((each.success_rate for each in self._study.results().values()), default=0.0)
-        left = (budget - done) / rate
-        sys.stdout.write(
-            f"[{done}/{budget}] {rate:.2f}/s, {left:.0f} s left, best success {best:.0%} | {number}: "
-            f"{describe(result)}\n"
-        )
-        sys.stdout.flush()
-
-
-def run_study(study: LearningStudy, workers: int, requeue: bool = True, confirmed: bool = False) -> CommandResult:
-    """Runs a study until its budget is used up, and writes the report. Ctrl-C keeps all finished evaluations.
-
-    :param workers: processes; a real robot is used by this one only.
-    :param requeue: whether to repeat interrupted evaluations at once.
-    :param confirmed: whether executions on a real robot start without asking the operator.
-    """
-    begin = time.monotonic()
-    progress = Progress(study)
-    with ExitStack() as stack:
-        runner: Runner | OneByOne
-        if study.scenario.is_real:
-            from skiros2_learning.ros.real_robot import RealRobot  # needs ROS
-
-            robot = stack.enter_context(RealRobot(study.scenario, _yes if confirmed else _ask_operator))
-            runner = OneByOne(study, robot.execute, progress)
-        else:
-            runner = Runner(study, workers, progress)
-        stack.enter_context(study.running())
-        saved = study.save_unsaved()
-        if saved:
-            sys.stdout.write(f"{saved} results of an earlier run are stored now\n")
-        if requeue:
-            study.requeue_interrupted()
-        try:
-            runner.run()
-        except KeyboardInterrupt:
-            sys.stdout.write(f"\ninterrupted; resume with: learn resume {study.folder}\n")
-            raise
-    report = write_report(study)
-    spent = time.monotonic() - begin
-    sampling = f"the sampler took {runner.sampling_time:.1f} s of {spent:.1f} s"
-    return CommandResult([*status_lines(study), sampling, f"report: {report}"])
-
-
-def _yes(text: str) -> bool:
-    sys.stdout.write(f"{text}\n")
-    sys.stdout.flush()
-    return True
-
-
-def _ask_operator(text: str) -> bool:
-    """Asks whether an execution may start. Ctrl-C and `q` end the run.
-
-    :raises Unavailable: there is no terminal to ask at.
-    """
-    while True:
-        try:
-            answer = input(f"{text}: start? [y/n/q] ").strip().lower()
-        except EOFError:
-            raise Unavailable("each execution needs the operator's confirmation at a terminal, or --yes") from None
-        if answer == "q":
-            raise KeyboardInterrupt
-        if answer in ("y", "n"):
-            return answer == "y"
 
 
 def _run(options: argparse.Namespace) -> CommandResult:
@@ -122,18 +43,26 @@ def _run(options: argparse.Namespace) -> CommandResult:
     study = LearningStudy.create(scenario, folder, options.storage)
     for configuration in first:
         study.enqueue(configuration)
-    return run_study(study, options.workers, not options.storage, options.yes)
+    return run_study(study, options.workers, not options.storage, options.yes, not options.no_validation)
 
 
 def _resume(options: argparse.Namespace) -> CommandResult:
     study = LearningStudy.open(options.study, options.storage)
     study.scenario = _changed(study.scenario, options)
-    return run_study(study, options.workers, options.alone or not options.storage, options.yes)
+    requeue = options.alone or not options.storage
+    return run_study(study, options.workers, requeue, options.yes, not options.no_validation)
+
+
+def _validate(options: argparse.Namespace) -> CommandResult:
+    study = LearningStudy.open(options.study, options.storage)
+    return validate_study(study, options.workers, options.yes)
 
 
 def _status(options: argparse.Namespace) -> CommandResult:
     study = LearningStudy.open(options.study, options.storage)
-    data = {str(number): result.to_json() for number, result in study.results().items()}
+    results = {str(number): result.to_json() for number, result in study.results().items()}
+    validation = stored_validation(study)
+    data = {"validation": None if validation is None else validation.to_json(), "results": results}
     return CommandResult(status_lines(study), data)
 
 
@@ -149,13 +78,14 @@ def _replay(options: argparse.Namespace) -> CommandResult:
     if study.scenario.is_real:
         raise Refused("executions on a real robot are not replayed: they cannot be repeated exactly")
     again = evaluate(study.scenario, stored.configuration, stored.seed)
-    same = "the same" if again == stored else "NOT the same"
+    is_same = (again.repetitions, again.error) == (stored.repetitions, stored.error)
+    same = "the same" if is_same else "NOT the same"
     lines = [f"stored: {describe(stored)}", f"again:  {describe(again)}", f"the result is {same}"]
     for index, repetition in enumerate(again.repetitions):
         values = ", ".join(f"{name} {value:.3g}" for name, value in repetition.rewards.items())
         word = "success" if repetition.is_success else f"no success {repetition.reason}".rstrip()
         lines.append(f"  {index}: {word}; {repetition.duration:.1f} s; {values}")
-    return CommandResult(lines, again.to_json(), 0 if again == stored else 1)
+    return CommandResult(lines, again.to_json(), 0 if is_same else 1)
 
 
 def _variations(options: argparse.Namespace) -> CommandResult:
@@ -166,7 +96,7 @@ def _variations(options: argparse.Namespace) -> CommandResult:
 
     def run(study: LearningStudy) -> None:
         sys.stdout.write(f"variation {_values_text(study.scenario.variation)}\n")
-        run_study(study, options.workers)
+        run_study(study, options.workers, validated=False)  # `predict` checks what it predicts
 
     studies = learn_variations(scenario, folder, options.count, run)
     best = {_values_text(each.scenario.variation): each.result(each.ranked()[0]) for each in studies if each.ranked()}
@@ -187,8 +117,10 @@ def _predict(options: argparse.Namespace) -> CommandResult:
     scenario = policy.scenario.derived(
         variation=variation, repetitions=options.check or _CHECKS, max_failures=options.check or _CHECKS
     )
-    result = evaluate(scenario, found.configuration, seed_of(scenario, _CHECK_NUMBER))
-    lines.append(f"in simulation: {describe(result)}")
+    seed = seed_of(scenario, _CHECK_NUMBER)
+    result = evaluate(scenario, found.configuration, seed)
+    checked = Sample(_CHECK_NUMBER, found.configuration, seed, tuple(result.repetitions))
+    lines.append(f"in simulation: {share_text(checked)}; {describe(result)}")
     data["checked"] = result.to_json()
     if result.success_rate < _LEAST_SUCCESS:
         lines.append(f"not good enough: {_LEAST_SUCCESS:.0%} are needed; learn this variation too")
@@ -197,7 +129,7 @@ def _predict(options: argparse.Namespace) -> CommandResult:
         date = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
         source = f"{options.study.resolve()} for {_values_text(variation)}"
         with _world(options) as wm:
-            added = apply_result(wm, scenario, _CHECK_NUMBER, result, date, source)
+            added = apply_result(wm, scenario, _CHECK_NUMBER, result, date, source, checked)
         lines += [f"{each.id}: revert it with: learn remove {each.id}" for each in added]
     return CommandResult(lines, data)
 
@@ -232,12 +164,15 @@ def _world(options: argparse.Namespace) -> Iterator[WorldModelPort]:
 
 def _apply(options: argparse.Namespace) -> CommandResult:
     study = LearningStudy.open(options.study, options.storage)
-    result = study.result(options.number)
+    number, result, validated = applicable(study, options.number, options.unvalidated)
     date = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
     source = public_name(options.storage) if options.storage else str(options.study.resolve())
     with _world(options) as wm:
-        added = apply_result(wm, study.scenario, options.number, result, date, source)
-    lines = [f"{each.id}: {describe(result)}" for each in added]
+        added = apply_result(wm, study.scenario, number, result, date, source, validated)
+    text = f"NOT validated: {describe(result)}"
+    if validated is not None:
+        text = f"evaluation {number}: {sample_text(study.scenario.objectives, validated)}"
+    lines = [f"{each.id}: {text}" for each in added]
     return CommandResult([*lines, "revert it with: learn remove ID"], [each.id for each in added])
 
 
@@ -310,7 +245,13 @@ def _parser(cell: Cell | None) -> argparse.ArgumentParser:
             "--workers", type=_count, default=os.cpu_count() or 1, metavar="N", help="processes (default: one per core)"
         )
         command.add_argument("--yes", action="store_true", help="on a real robot: do not ask before each execution")
+
+    def add_search(command: argparse.ArgumentParser) -> None:
+        add_budget(command)
         command.add_argument("--evaluations", type=_count, metavar="N", help="another budget than the scenario's")
+
+    def add_validation(command: argparse.ArgumentParser) -> None:
+        command.add_argument("--no-validation", action="store_true", help="search only; see `learn validate`")
 
     command = add("check", "Checks a scenario: names, ranges, scene, skills.")
     command.add_argument("scenario", type=Path, metavar="SCENARIO", help="scenario file")
@@ -324,13 +265,17 @@ def _parser(cell: Cell | None) -> argparse.ArgumentParser:
         "--prior-study", type=Path, action="append", default=[], metavar="STUDY",
         help="take the good configurations of an earlier study as priors",
     )  # fmt: skip
-    add_budget(command)
+    add_search(command)
+    add_validation(command)
     command = add_study("resume", "Continues a study, also on another machine with --storage.")
     command.add_argument(
         "--alone", action="store_true", help="no other process runs it: repeat what was running at once"
     )
+    add_search(command)
+    add_validation(command)
+    command = add_study("validate", "Repeats the best configurations and the skill's defaults on new draws.")
     add_budget(command)
-    add_study("status", "Shows progress and the Pareto-optimal configurations.")
+    add_study("status", "Shows progress, the validation, and the Pareto-optimal configurations.")
     command = add_study("report", "Writes report.html with pictures into the folder of the study.")
     command.add_argument("--compare", type=Path, nargs="*", default=[], metavar="STUDY", help="draw these studies too")
     command = add("scenario", "Prints a scenario for a skill or a goal: missing parameters are the variables.")
@@ -344,7 +289,7 @@ def _parser(cell: Cell | None) -> argparse.ArgumentParser:
     command.add_argument("scenario", type=Path, metavar="SCENARIO", help="scenario file with `variations`")
     command.add_argument("--study", type=Path, metavar="FOLDER", help="default: build/learning/NAME_variations")
     command.add_argument("--count", type=_count, default=8, metavar="N", help="variations (default: %(default)s)")
-    add_budget(command)
+    add_search(command)
     command = add("predict", "Predicts the parameters of a variation that was not learned.")
     command.add_argument("study", type=Path, metavar="FOLDER", help="folder of `learn variations`")
     command.add_argument("features", nargs="+", metavar="FEATURE=VALUE", help="the variation")
@@ -354,7 +299,11 @@ def _parser(cell: Cell | None) -> argparse.ArgumentParser:
     command = add("import", "Prints the variables and objectives of a HyperMapper scenario (JSON) in this layout.")
     command.add_argument("file", type=Path, metavar="JSON", help="scenario of HyperMapper")
     command = add_study("apply", "Stores a configuration in the world model: skills use it when they start.")
-    command.add_argument("number", type=int, metavar="NUMBER", help="number of the evaluation")
+    command.add_argument(
+        "number", type=int, nargs="?", metavar="NUMBER", help="evaluation (default: the validated one)"
+    )
+    text = "also if it is not validated, or not better than the defaults"
+    command.add_argument("--unvalidated", action="store_true", help=text)
     add_world(command)
     command = add("remove", "Reverts an applied configuration.")
     command.add_argument("id", metavar="ID", help="id of the parameter set")
@@ -379,6 +328,7 @@ _COMMANDS = {
     "variations": _variations,
     "predict": _predict,
     "resume": _resume,
+    "validate": _validate,
     "status": _status,
     "report": _report,
     "replay": _replay,

@@ -36,14 +36,19 @@ class Repetition:
     duration: float
 
 
+#: A repetition, or why it has no result.
+Outcome = Repetition | str
+
+
 @dataclass(frozen=True)
 class Evaluation:
     """The result of an evaluation.
 
-    :param objectives: mean of the repetitions, by name.
+    :param objectives: mean of the repetitions that were made, by name.
     :param violations: mean violation of each constraint; 0 or less if it holds.
-    :param success_rate: fraction of the repetitions.
+    :param success_rate: successes as a fraction of the planned repetitions: those that were not made count as failed.
     :param error: why there is no result, such as a crash; "" if there is one.
+    :param planned: number of repetitions of a complete evaluation; 0 if it is not known (studies of earlier versions).
     """
 
     configuration: dict[str, Value]
@@ -53,6 +58,17 @@ class Evaluation:
     success_rate: float = 0.0
     repetitions: list[Repetition] = field(default_factory=list)
     error: str = ""
+    planned: int = 0
+
+    @property
+    def good(self) -> int:
+        """Number of repetitions that succeeded."""
+        return sum(each.is_success for each in self.repetitions)
+
+    @property
+    def is_truncated(self) -> bool:
+        """Whether the evaluation ended before its last repetition, because too many had failed."""
+        return len(self.repetitions) < self.planned
 
     def to_json(self) -> dict[str, Any]:
         """Plain data."""
@@ -86,20 +102,36 @@ def evaluate(
     if problems:
         raise WrongValue("; ".join(problems))
     execution = execution or find_execution(scenario.execution)
-    repetitions = []
+    repetitions: list[Repetition] = []
     for index in range(scenario.repetitions):
-        try:
-            repetitions.append(judge(scenario, execution(scenario, chosen, seed, index)))
-        except Unavailable:
-            raise
-        except SkirosError as error:
-            return Evaluation(chosen, seed, repetitions=repetitions, error=f"repetition {index}: {error}")
-        except Exception as error:  # of a skill library, a plug-in or the physics: this evaluation has no result
-            text = f"repetition {index}: {type(error).__name__}: {error}"
-            return Evaluation(chosen, seed, repetitions=repetitions, error=text)
+        outcome = repeat_once(scenario, chosen, seed, index, execution)
+        if isinstance(outcome, str):
+            error = f"repetition {index}: {outcome}"
+            return Evaluation(chosen, seed, repetitions=repetitions, error=error, planned=scenario.repetitions)
+        repetitions.append(outcome)
         if sum(not each.is_success for each in repetitions) >= scenario.max_failures:
             break
     return summary(scenario, chosen, seed, repetitions)
+
+
+def repeat_once(
+    scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int, execution: Execution | None = None
+) -> Outcome:
+    """Runs one repetition. An execution that breaks gives the reason, as a text.
+
+    :param execution: instead of the scenario's.
+    :raises ConfigurationError: the scenario names an execution that does not exist.
+    :raises Unavailable: by the execution.
+    """
+    execution = execution or find_execution(scenario.execution)
+    try:
+        return judge(scenario, execution(scenario, configuration, seed, index))
+    except Unavailable:
+        raise
+    except SkirosError as error:
+        return str(error)
+    except Exception as error:  # of a skill library, a plug-in or the physics
+        return f"{type(error).__name__}: {error}"
 
 
 def judge(scenario: Scenario, record: EpisodeRecord) -> Repetition:
@@ -136,8 +168,9 @@ def summary(
             each.name: math.fsum(each.violation(r.constraints[each.name]) for r in repetitions) / count
             for each in scenario.constraints
         },
-        sum(r.is_success for r in repetitions) / count,
+        sum(r.is_success for r in repetitions) / scenario.repetitions,
         list(repetitions),
+        planned=scenario.repetitions,
     )
 
 
@@ -167,6 +200,14 @@ def check_execution(scenario: Scenario) -> None:
     check = getattr(module, "check_scenario", None)
     if check is not None:
         check(scenario)
+
+
+def find_defaults(scenario: Scenario) -> dict[str, Value]:
+    """Returns the values that the skills have by default for the variables: by `default_configuration(scenario)` in the
+    module of the execution. {} without such a function, or if a variable has no default."""
+    module = importlib.import_module(find_execution(scenario.execution).__module__)
+    defaults = getattr(module, "default_configuration", None)
+    return dict(defaults(scenario)) if defaults is not None else {}
 
 
 def seed_of(scenario: Scenario, number: int) -> int:

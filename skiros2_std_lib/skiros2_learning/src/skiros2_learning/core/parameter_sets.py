@@ -9,6 +9,7 @@ from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_learning.core.elements import find_element
 from skiros2_learning.core.evaluation import Evaluation
 from skiros2_learning.core.scenario import Scenario
+from skiros2_learning.core.validation import Sample
 from skiros2_skill.core.engine.learned_parameters import (
     APPLIES_TO,
     HAS_PARAMETER,
@@ -21,7 +22,13 @@ _SCENE = "skiros:Scene-0"
 
 
 def apply_result(
-    wmi: WorldModelPort, scenario: Scenario, number: int, result: Evaluation, date: str, source: str = ""
+    wmi: WorldModelPort,
+    scenario: Scenario,
+    number: int,
+    result: Evaluation,
+    date: str,
+    source: str = "",
+    validated: Sample | None = None,
 ) -> list[Element]:
     """Adds a parameter set for each step of the task with variables. Returns the elements.
 
@@ -30,6 +37,7 @@ def apply_result(
     :param number: of the evaluation.
     :param date: ISO 8601.
     :param source: folder or database of the study.
+    :param validated: its repetitions on new draws; None if it is not validated.
     :raises Refused: the evaluation has no result.
     :raises UnknownName: the world model's ontology has no parameter sets.
     """
@@ -55,8 +63,16 @@ def apply_result(
         each.setProperty("skiros:Study", f"{source or scenario.name}#{number}")
         each.setProperty("skiros:Seed", result.seed)
         each.setProperty("skiros:Date", date)
-        each.setProperty("skiros:SuccessRate", result.success_rate)
-        each.setProperty("skiros:Reward", [f"{name}={value:.6g}" for name, value in result.objectives.items()])
+        each.setProperty("skiros:Validated", validated is not None)
+        if validated is not None:
+            interval = validated.success
+            each.setProperty("skiros:Successes", validated.good)
+            each.setProperty("skiros:Executions", validated.count)
+            each.setProperty("skiros:LowestSuccessRate", interval.low)
+            each.setProperty("skiros:HighestSuccessRate", interval.high)
+        each.setProperty("skiros:SuccessRate", result.success_rate if validated is None else validated.success.estimate)
+        means = {name: validated.objective(name).estimate if validated else v for name, v in result.objectives.items()}
+        each.setProperty("skiros:Reward", [f"{name}={value:.6g}" for name, value in means.items()])
         each.addRelation(_SCENE, "skiros:contain", "-1")
         wmi.add_element(each)
         for key, value in values.items():

@@ -22,6 +22,7 @@ from matplotlib.figure import Figure
 from skiros2_learning.core.evaluation import Evaluation
 from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.study import LearningStudy
+from skiros2_learning.core.validation import share_text, stored_validation, validation_lines
 from skiros2_learning.core.variables import Value
 
 #: Configurations in the table of the report.
@@ -41,7 +42,7 @@ def write_report(
     :param pictures: more pictures, by title.
     """
     results = study.results()
-    sections = [_overview(study, results), _table(study, results)]
+    sections = [_overview(study, results), _validation(study), _table(study, results)]
     complete = {number: result for number, result in results.items() if not result.error}
     if complete:
         titled = {"this study": study, **(others or {})}
@@ -73,6 +74,13 @@ def status_lines(study: LearningStudy) -> list[str]:
         f"study {study.scenario.name}: {study.counted} of {study.scenario.budget.evaluations} evaluations, "
         f"{broken} broken, {study.running_count} running"
     ]
+    validation = stored_validation(study)
+    if validation is not None:
+        lines += validation_lines(study.scenario, validation)
+        if study.counted > validation.counted:
+            lines.append(f"  {study.counted - validation.counted} evaluations since then are not validated")
+    elif results:
+        lines.append(f"not validated: the rates below are optimistic; run: learn validate {study.folder}")
     for number in study.best(results)[:_ROWS]:
         lines.append(f"  {number:4d}  {describe(results[number])}")
     return lines
@@ -84,7 +92,15 @@ def describe(result: Evaluation) -> str:
         return f"broken: {result.error}"
     values = ", ".join(f"{name} {value:.3g}" for name, value in result.objectives.items())
     settings = " ".join(f"{name}={format_value(value)}" for name, value in result.configuration.items())
-    return f"success {result.success_rate:.0%}, {values}; {settings}"
+    return f"success {search_share(result)}, {values}; {settings}"
+
+
+def search_share(result: Evaluation) -> str:
+    """Describes the successes of an evaluation of the search; of a truncated one by numbers only, as it has no rate."""
+    made = len(result.repetitions)
+    if result.is_truncated:
+        return f"{result.good} of {made}, stopped early (of {result.planned})"
+    return f"{result.success_rate:.0%}"
 
 
 def format_value(value: Value) -> str:
@@ -206,6 +222,25 @@ def _overview(study: LearningStudy, results: dict[int, Evaluation]) -> str:
     return text
 
 
+def _validation(study: LearningStudy) -> str:
+    found = stored_validation(study)
+    if found is None:
+        return "<h2>Validation</h2><p>This study is not validated: the rates below are optimistic.</p>"
+    objectives = study.scenario.objectives
+    names = [variable.name for variable in study.scenario.variables]
+    rows = [["configuration", "draws", "success", *(objective.name for objective in objectives), *names]]
+    proof = [("proof", each) for each in (found.learned, found.defaults) if each is not None]
+    for draws, sample in [*proof, *(("choice", each) for each in found.candidates)]:
+        intervals = [sample.objective(objective.name) for objective in objectives]
+        cells = [f"{each.estimate:.4g} ({each.low:.4g} to {each.high:.4g})" for each in intervals]
+        values = [format_value(sample.configuration[name]) for name in names]
+        rows.append([sample.name, draws, share_text(sample), *cells, *values])
+    head, *body = ("".join(f"<td>{html.escape(cell)}</td>" for cell in row) for row in rows)
+    text = "Draws that the search has not seen; one set of them chooses a configuration, another one proves it."
+    table = f"<table><tr>{head.replace('td>', 'th>')}</tr>{''.join(f'<tr>{row}</tr>' for row in body)}</table>"
+    return f"<h2>Validation</h2><p>{text} {html.escape(found.verdict)}.</p>{table}"
+
+
 def _table(study: LearningStudy, results: dict[int, Evaluation]) -> str:
     best = study.best(results)
     if not best:
@@ -216,7 +251,7 @@ def _table(study: LearningStudy, results: dict[int, Evaluation]) -> str:
     rows = ""
     for number in best[:_ROWS]:
         result = results[number]
-        cells: list[Any] = [number, f"{result.success_rate:.0%}"]
+        cells: list[Any] = [number, search_share(result)]
         cells += [f"{result.objectives[name]:.4g}" for name in objectives]
         cells += [format_value(result.configuration[name]) for name in names]
         rows += "<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in cells) + "</tr>"

@@ -153,6 +153,20 @@ class Budget(Section):
             yield ("initial",), f"expected at most {data.get('evaluations')}, the evaluations, got {data['initial']}"
 
 
+@dataclass(frozen=True)
+class ValidationPlan(Section):
+    """The validation of a study.
+
+    :param candidates: best configurations of the search that take part.
+    :param choice: executions of each of these, by which one is chosen.
+    :param repetitions: executions of the chosen one and of the skill's defaults, for the comparison and the report.
+    """
+
+    candidates: Count = 4
+    choice: Count = 10
+    repetitions: Annotated[Count, Field(ge=2)] = 30
+
+
 def _scene_file(named: Any, info: _Info) -> Path:
     """Returns the file: absolute, or relative to the folder of the scenario."""
     path: Path = info.context / str(named)
@@ -246,6 +260,7 @@ class Scenario(Section):
     randomisation: Randomisation = NO_RANDOMISATION
     simulation: Simulation = field(default_factory=Simulation)
     budget: Budget = field(default_factory=Budget)
+    validation: ValidationPlan = field(default_factory=ValidationPlan)
     repetitions: Count = 5
     max_failures: Count = 5
     seed: Natural = 0

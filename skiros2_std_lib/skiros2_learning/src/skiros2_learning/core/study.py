@@ -32,6 +32,7 @@ from skiros2_common.core.yaml_text import read_yaml
 from skiros2_learning.core.evaluation import Evaluation, seed_of
 from skiros2_learning.core.prior_sampler import Choice, Kernels, Normal, PriorSampler
 from skiros2_learning.core.prior_sampler import Prior as SamplerPrior
+from skiros2_learning.core.ranking import pareto_optimal, ranked
 from skiros2_learning.core.scenario import Scenario, load_scenario
 from skiros2_learning.core.storage import HEARTBEAT, StorageFailed, open_storage, public_name, repeat_stale, storing
 from skiros2_learning.core.variables import Gaussian, Samples, Value, Variable, Weights
@@ -278,31 +279,29 @@ class LearningStudy:
         return found[number]
 
     def best(self, results: Mapping[int, Evaluation] | None = None) -> list[int]:
-        """Returns the numbers of the Pareto-optimal evaluations, those with the best success rate first.
+        """Returns the numbers of the Pareto-optimal evaluations, those with the best success rate first. Truncated ones
+        are among them only if no other is: their means are of fewer repetitions.
 
         :param results: only of these, since other processes add some meanwhile; None for all.
         """
         results = self.results() if results is None else results
-        best = self._reliably(lambda: self.optuna.best_trials) if results else []
-        return self._ranked([trial.number for trial in best if trial.number in results], results)
+        return ranked(self.scenario, pareto_optimal(self.scenario, results), results)
 
     def ranked(self) -> list[int]:
         """Returns the numbers of all evaluations with a result: by success rate, then by the objectives in their
         order; the best one first."""
         results = self.results()
-        return self._ranked([number for number, result in results.items() if not result.error], results)
+        return ranked(self.scenario, [number for number, result in results.items() if not result.error], results)
+
+    def attribute(self, name: str) -> object:
+        """Returns plain data that `set_attribute` has stored with the study; None if there are none."""
+        return self._reliably(lambda: self.optuna.user_attrs).get(name)
+
+    def set_attribute(self, name: str, value: object) -> None:
+        """Stores plain data with the study."""
+        self._reliably(lambda: self.optuna.set_user_attr(name, value))
 
     # -- internal ----------------------------------------------------------------------------------------------------
-
-    def _ranked(self, numbers: list[int], results: Mapping[int, Evaluation]) -> list[int]:
-        sense = [1.0 if objective.sense == "minimise" else -1.0 for objective in self.scenario.objectives]
-
-        def order(number: int) -> tuple[float, ...]:
-            result = results[number]
-            costs = (s * v for s, v in zip(sense, result.objectives.values(), strict=True))
-            return (-result.success_rate, *costs)
-
-        return sorted(numbers, key=order)
 
     def _trials(self, *states: TrialState) -> list[FrozenTrial]:
         return self._reliably(lambda: self.optuna.get_trials(deepcopy=False, states=states))

@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_common.tools.output import STDOUT, discard
-from skiros2_learning.core.evaluation import Evaluation, evaluate
+from skiros2_learning.core.evaluation import Evaluation, Outcome, evaluate, repeat_once
 from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.variables import Value
 
@@ -32,3 +32,11 @@ def run(configuration: dict[str, Value], seed: int) -> Evaluation:
         return evaluate(_scenarios[0], configuration, seed)
     except FOREIGN_ERRORS as error:
         return Evaluation(configuration, seed, error=f"{type(error).__name__}: {error}")
+
+
+def run_repetition(configuration: dict[str, Value], seed: int, index: int) -> Outcome:
+    """Runs one repetition in a process that `begin` has prepared."""
+    try:
+        return repeat_once(_scenarios[0], configuration, seed, index)
+    except FOREIGN_ERRORS as error:
+        return f"{type(error).__name__}: {error}"

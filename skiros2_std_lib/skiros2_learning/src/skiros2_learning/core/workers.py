@@ -11,17 +11,19 @@ import logging
 import multiprocessing
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
 from dataclasses import dataclass
 
 from pebble import ProcessExpired, ProcessFuture, ProcessPool
 
-from skiros2_learning.core.evaluation import Evaluation, Execution, evaluate
+from skiros2_learning.core.evaluation import Evaluation, Execution, Outcome, evaluate
+from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.storage import StorageFailed
 from skiros2_learning.core.study import LearningStudy
+from skiros2_learning.core.validation import Execute, Repeat
 from skiros2_learning.core.variables import Value
-from skiros2_learning.core.worker_process import begin, run
+from skiros2_learning.core.worker_process import begin, run, run_repetition
 
 log = logging.getLogger(__name__)
 
@@ -107,11 +109,9 @@ class Runner:
         try:
             result: Evaluation = future.result()
         except TimeoutError:
-            text = f"not finished within {self._study.scenario.timeout:g} s of wall time"
-            result = Evaluation(job.configuration, job.seed, error=text)
+            result = Evaluation(job.configuration, job.seed, error=_late(self._study.scenario))
         except ProcessExpired as error:
-            code = error.exitcode
-            ended = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit status {code}"
+            ended = _ended(error)
             log.warning("evaluation %d: its process has died (%s), attempt %d", job.number, ended, job.attempts)
             if job.attempts < ATTEMPTS:
                 self._repeated.append(job)
@@ -150,3 +150,50 @@ class OneByOne:
                 self._report(number, result)
         finally:
             study.release()
+
+
+def repeat_in_processes(count: int) -> Repeat:
+    """Returns a function that makes executions in parallel processes. Each execution has the timeout of an evaluation,
+    and is made again if its process dies.
+
+    :param count: number of processes.
+    """
+
+    def repeat(scenario: Scenario, jobs: Sequence[Execute]) -> list[Outcome]:
+        context = multiprocessing.get_context("spawn")
+        pool = ProcessPool(count, context=context, initializer=begin, initargs=(scenario,))
+
+        def start(job: Execute) -> ProcessFuture[Outcome]:
+            given = (job.configuration, job.seed, job.index)
+            return pool.schedule(run_repetition, given, timeout=scenario.timeout)
+
+        def outcome(job: Execute, future: ProcessFuture[Outcome]) -> Outcome:
+            for attempt in range(1, ATTEMPTS + 1):
+                try:
+                    return future.result()
+                except TimeoutError:
+                    return _late(scenario)
+                except ProcessExpired as error:
+                    ended = _ended(error)
+                    log.warning("repetition %d: its process has died (%s), attempt %d", job.index, ended, attempt)
+                if attempt < ATTEMPTS:
+                    future = start(job)
+            return f"its process died {ATTEMPTS} times ({ended})"
+
+        try:
+            started = [(job, start(job)) for job in jobs]
+            return [outcome(*each) for each in started]
+        finally:
+            pool.stop()  # type: ignore[no-untyped-call]
+            pool.join()
+
+    return repeat
+
+
+def _late(scenario: Scenario) -> str:
+    return f"not finished within {scenario.timeout:g} s of wall time"
+
+
+def _ended(error: ProcessExpired) -> str:
+    code = error.exitcode
+    return f"signal {signal.Signals(-code).name}" if code < 0 else f"exit status {code}"

@@ -233,6 +233,23 @@ def check_scenario(scenario: Scenario) -> None:
         raise ConfigurationError(f"scenario {scenario.name}: {'; '.join(problems)}")
 
 
+def default_configuration(scenario: Scenario) -> dict[str, Value]:
+    """Returns the values that the skills have by default for the variables of a scenario; {} if one has none.
+
+    :raises SkirosError: the scenario does not fit the scene or the skills.
+    """
+    found: dict[str, Value] = {}
+    with FakeClock() as clock, Episode(scenario, scenario.seed, 0, clock) as episode:
+        declared = {step.name: declared_parameters(episode.bench, step) for step in scenario.task}
+    for variable in scenario.variables:
+        name, _, key = variable.name.rpartition(".")
+        value = declared[name][key].value
+        if value is None:
+            return {}
+        found[variable.name] = value
+    return found
+
+
 def step_problems(scenario: Scenario, step: Step, bench: SkillBench) -> list[str]:
     """Describes what does not fit between a step with its variables and the skills and elements of a bench."""
     try:

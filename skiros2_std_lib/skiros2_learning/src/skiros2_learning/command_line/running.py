@@ -1,0 +1,141 @@
+"""Runs and validates studies for the program `learn`, with their progress on the terminal."""
+
+from __future__ import annotations
+
+import sys
+import time
+from contextlib import ExitStack
+
+from skiros2_common.command_line.command import CommandResult
+from skiros2_learning.core.evaluation import Evaluation, Execution, Unavailable
+from skiros2_learning.core.report import describe, status_lines, write_report
+from skiros2_learning.core.study import LearningStudy
+from skiros2_learning.core.validation import Repeat, repeat_here, validate, validation_lines
+from skiros2_learning.core.workers import OneByOne, Runner, repeat_in_processes
+
+#: Evaluations of which the rate is the mean.
+_RECENT = 20
+
+
+class Progress:
+    """Prints a line after each evaluation: number, rate, time left, success, and the best so far."""
+
+    def __init__(self, study: LearningStudy) -> None:
+        self._study = study
+        self._times = [time.monotonic()]
+
+    def __call__(self, number: int, result: Evaluation) -> None:
+        self._times = [*self._times, time.monotonic()][-_RECENT:]
+        rate = (len(self._times) - 1) / max(1e-3, self._times[-1] - self._times[0])
+        done, budget = self._study.counted, self._study.scenario.budget.evaluations
+        best = max((each.success_rate for each in self._study.results().values()), default=0.0)
+        left = (budget - done) / rate
+        sys.stdout.write(
+            f"[{done}/{budget}] {rate:.2f}/s, {left:.0f} s left, best success {best:.0%} | {number}: "
+            f"{describe(result)}\n"
+        )
+        sys.stdout.flush()
+
+
+def run_study(
+    study: LearningStudy, workers: int, requeue: bool = True, confirmed: bool = False, validated: bool = True
+) -> CommandResult:
+    """Runs a study until its budget is used up, validates it, and writes the report. Ctrl-C keeps all finished
+    evaluations.
+
+    :param workers: processes; a real robot is used by this one only.
+    :param requeue: whether to repeat interrupted evaluations at once.
+    :param confirmed: whether executions on a real robot start without asking the operator.
+    :param validated: whether to validate the study.
+    """
+    begin = time.monotonic()
+    progress = Progress(study)
+    with ExitStack() as stack:
+        runner: Runner | OneByOne
+        repeat, execution = _executor(study, stack, workers, confirmed)
+        runner = Runner(study, workers, progress) if execution is None else OneByOne(study, execution, progress)
+        stack.enter_context(study.running())
+        saved = study.save_unsaved()
+        if saved:
+            sys.stdout.write(f"{saved} results of an earlier run are stored now\n")
+        if requeue:
+            study.requeue_interrupted()
+        try:
+            runner.run()
+        except KeyboardInterrupt:
+            sys.stdout.write(f"\ninterrupted; resume with: learn resume {study.folder}\n")
+            raise
+        if validated:
+            _validate_ended(study, repeat)
+    report = write_report(study)
+    spent = time.monotonic() - begin
+    sampling = f"the sampler took {runner.sampling_time:.1f} s of {spent:.1f} s"
+    return CommandResult([*status_lines(study), sampling, f"report: {report}"])
+
+
+def validate_study(study: LearningStudy, workers: int, confirmed: bool = False) -> CommandResult:
+    """Validates a study, and writes the report. Arguments as of `run_study`."""
+    with ExitStack() as stack:
+        repeat, _ = _executor(study, stack, workers, confirmed)
+        stack.enter_context(study.running())
+        _say_cost(study)
+        found = validate(study, repeat)
+    report = write_report(study)
+    return CommandResult([*validation_lines(study.scenario, found), f"report: {report}"], found.to_json())
+
+
+def _executor(study: LearningStudy, stack: ExitStack, workers: int, confirmed: bool) -> tuple[Repeat, Execution | None]:
+    """Returns what makes executions, and the execution of a real robot; None in simulation."""
+    if not study.scenario.is_real:
+        return repeat_in_processes(workers), None
+    from skiros2_learning.ros.real_robot import RealRobot  # needs ROS
+
+    robot = stack.enter_context(RealRobot(study.scenario, _yes if confirmed else _ask_operator))
+    return repeat_here(robot.execute), robot.execute
+
+
+def _validate_ended(study: LearningStudy, repeat: Repeat) -> None:
+    """Validates a study after its search. Of several machines, that with the last evaluation does."""
+    if study.running_count:
+        sys.stdout.write(f"other processes run this study; when they end: learn validate {study.folder}\n")
+        return
+    if not study.ranked():
+        sys.stdout.write("not validated: no evaluation has a result\n")
+        return
+    _say_cost(study)
+    try:
+        validate(study, repeat)
+    except KeyboardInterrupt:
+        sys.stdout.write(f"\ninterrupted; validate with: learn validate {study.folder}\n")
+        raise
+
+
+def _say_cost(study: LearningStudy) -> None:
+    plan = study.scenario.validation
+    sys.stdout.write(
+        f"validating: {plan.choice} executions of each of the best {plan.candidates} configurations, then "
+        f"{plan.repetitions} of the chosen one and of the defaults, with new draws\n"
+    )
+    sys.stdout.flush()
+
+
+def _yes(text: str) -> bool:
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+    return True
+
+
+def _ask_operator(text: str) -> bool:
+    """Asks whether an execution may start. Ctrl-C and `q` end the run.
+
+    :raises Unavailable: there is no terminal to ask at.
+    """
+    while True:
+        try:
+            answer = input(f"{text}: start? [y/n/q] ").strip().lower()
+        except EOFError:
+            raise Unavailable("each execution needs the operator's confirmation at a terminal, or --yes") from None
+        if answer == "q":
+            raise KeyboardInterrupt
+        if answer in ("y", "n"):
+            return answer == "y"

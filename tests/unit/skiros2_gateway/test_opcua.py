@@ -304,13 +304,13 @@ def test_element_with_a_number_of_any_size_costs_no_other(in_server: Run) -> Non
         gateway.cell.change(**{each["id"]: each for each in changed})
         async with Mes(gateway.address) as mes:
             index = await cell_index(mes)
-            while True:
-                try:
-                    assert await mes.get_node(ua.NodeId("World/Huge-2/a", index)).read_value() == 1.0
-                    break
-                except ua.UaStatusCodeError:  # not shown yet
-                    await asyncio.sleep(0.02)
-            assert await mes.get_node(ua.NodeId("World/Huge-1/a", index)).read_value() == str(10**400)
+            for eid, value in (("Huge-2", 1.0), ("Huge-1", str(10**400))):
+                while True:
+                    try:
+                        assert await mes.get_node(ua.NodeId(f"World/{eid}/a", index)).read_value() == value
+                        break
+                    except ua.UaStatusCodeError:  # not shown yet
+                        await asyncio.sleep(0.02)
 
     in_server(test)
 

@@ -18,7 +18,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives import serialization
 
 from skiros2_common.core.errors import ConfigurationError
-from skiros2_gateway.opcua.trust_list import TrustList
+from skiros2_gateway.opcua.trust_list import TrustList, _Channel, _channel
 from support.certificates import make_certificate
 from support.opcua import opcua_server
 from unit.skiros2_gateway.opcua_client import NO_COMMENT, Mes
@@ -94,6 +94,57 @@ def test_pem_files_of_any_name_are_read_and_a_wrong_key_is_named(in_gateway: Run
     in_gateway(test)
 
 
+def test_client_that_names_another_certificate_than_its_own_is_refused(in_gateway: Run, tmp_path: Path) -> None:
+    async def test(gateway: Any) -> None:
+        folder = gateway.path.parent
+        server = opcua_server(gateway.service, folder)
+        await server.start()
+        known, _ = make_certificate(tmp_path, "mes", "urn:mes")
+        shutil.copy(known, folder / "opcua/trusted")
+        der = x509.load_pem_x509_certificate(known.read_bytes()).public_bytes(serialization.Encoding.DER)
+        own = make_certificate(tmp_path, "own", "urn:mes")
+        try:
+            for named, status in ((der, "BadCertificateInvalid"), (b"", "BadUserAccessDenied")):
+                mes = Mes(server.address)
+                mes.application_uri = "urn:mes"
+                security = f"Basic256Sha256,SignAndEncrypt,{own[0]},{own[1]},{folder / 'opcua_certificate.der'}"
+                await mes.set_security_string(security)
+                create = mes.uaclient.create_session
+
+                async def forged(parameters: Any, named: bytes = named, create: Any = create) -> Any:
+                    parameters.ClientCertificate = named
+                    return await create(parameters)
+
+                mes.uaclient.create_session = forged
+                with pytest.raises(ua.UaStatusCodeError) as refused:
+                    await mes.connect()
+                assert refused.value.code == getattr(ua.StatusCodes, status)
+        finally:
+            await server.stop()
+
+    in_gateway(test)
+
+
+def test_certificate_is_ignored_without_a_security_policy(in_server: Run, tmp_path: Path) -> None:
+    certificate, _ = make_certificate(tmp_path, "plain", "urn:mes")
+    der = x509.load_pem_x509_certificate(certificate.read_bytes()).public_bytes(serialization.Encoding.DER)
+
+    async def test(gateway: Any) -> None:
+        mes = Mes(gateway.address)
+        create = mes.uaclient.create_session
+
+        async def named(parameters: Any) -> Any:
+            parameters.ClientCertificate = der
+            return await create(parameters)
+
+        mes.uaclient.create_session = named
+        async with mes:
+            await mes.load()
+            assert await mes.call("Start", "unknown", NO_COMMENT) == UNKNOWN_JOB
+
+    in_server(test)
+
+
 def test_newest_rejected_certificates_are_kept_within_a_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("skiros2_gateway.opcua.trust_list._MAX_REJECTED", 2)
     trust = TrustList(tmp_path)
@@ -101,6 +152,7 @@ def test_newest_rejected_certificates_are_kept_within_a_limit(tmp_path: Path, mo
     client = ua.ApplicationDescription(ApplicationUri="urn:mes")
 
     async def refuse(certificate: x509.Certificate) -> None:
+        _channel.set(_Channel(certificate))
         with pytest.raises(ServiceError) as refused:
             await trust(certificate, client)
         assert refused.value.code == ua.StatusCodes.BadCertificateUntrusted

@@ -13,7 +13,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
-from asyncua import Server, ua
+from asyncua import ua
 from asyncua.crypto.permission_rules import SimpleRoleRuleset, User, UserRole
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName
@@ -30,7 +30,7 @@ from skiros2_gateway.opcua.lists import RESPONSES, JobLists
 from skiros2_gateway.opcua.model import CELL_NAMESPACE, PROVIDER_METHODS, JobModel, build_model
 from skiros2_gateway.opcua.orders import job_response, order_data, wanted_states, work_master
 from skiros2_gateway.opcua.return_status import ReturnStatus
-from skiros2_gateway.opcua.trust_list import TrustList
+from skiros2_gateway.opcua.trust_list import TrustingServer, TrustList, is_channel_accepted
 from skiros2_gateway.opcua.twin import Twin
 
 log = logging.getLogger(__name__)
@@ -65,6 +65,9 @@ class _Users:
     def get_user(
         self, _: Any, username: str | None = None, password: str | None = None, certificate: Any = None
     ) -> _SessionUser | None:
+        if not is_channel_accepted():
+            log.warning("session of %s refused: its channel has no accepted certificate", username or "a certificate")
+            return None
         try:
             if username is not None:
                 caller = self._access.authenticate(password or "", "opcua", "opcua")
@@ -108,7 +111,7 @@ class OpcuaServer:
         self._service = service
         self._settings = settings
         self._nodesets = nodesets
-        self._server = Server(user_manager=_Users(service))
+        self._server = TrustingServer(user_manager=_Users(service))
         self._model: JobModel
         self._tasks: list[asyncio.Task[None]] = []
         self._lists: JobLists

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import logging
 import re
+from collections.abc import Callable
+from contextvars import ContextVar
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from asyncua import ua
+from asyncua import Server, ua
 from asyncua.common.utils import ServiceError
+from asyncua.crypto.uacrypto import x509_from_der
 from asyncua.crypto.validator import CertificateValidator
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
@@ -19,6 +24,45 @@ log = logging.getLogger(__name__)
 
 #: How many rejected certificates are kept: the newest.
 _MAX_REJECTED = 100
+
+
+@dataclass
+class _Channel:
+    """A secure channel.
+
+    :param certificate: by which the client has signed; None without a security policy.
+    """
+
+    certificate: x509.Certificate | None
+    is_accepted: bool = False
+
+
+#: The channel of the request that is processed: all requests of a connection are processed in one task.
+_channel: ContextVar[_Channel | None] = ContextVar("channel", default=None)
+
+
+class TrustingServer(Server):  # type: ignore[misc]
+    """asyncua's server, which notes the certificate of each channel: the one that a request names may be another."""
+
+    async def _setup_server_nodes(self) -> None:
+        await super()._setup_server_nodes()
+        for policy in self._policies:
+            policy.create = _noting(policy.create, policy.mode is not ua.MessageSecurityMode.None_)
+
+
+def _noting(create: Callable[[bytes | None], Any], is_secure: bool) -> Callable[[bytes | None], Any]:
+    def noted(certificate: bytes | None) -> Any:
+        policy = create(certificate)
+        _channel.set(_Channel(x509_from_der(certificate) if is_secure else None))
+        return policy
+
+    return noted
+
+
+def is_channel_accepted() -> bool:
+    """Returns whether a user may log in by the channel of the request: it has no policy, or an accepted certificate."""
+    channel = _channel.get()
+    return channel is not None and (channel.certificate is None or channel.is_accepted)
 
 
 class TrustList:
@@ -34,14 +78,21 @@ class TrustList:
         self._validator = CertificateValidator()  # dates, and the application's URI
 
     async def __call__(self, certificate: x509.Certificate, client: ua.ApplicationDescription) -> None:
-        """Checks the certificate of a client that opens a session.
+        """Checks the certificate of a client that opens a session; none is needed without a security policy.
 
         :raises ServiceError: the client is refused.
         """
+        channel = _channel.get()
+        if channel is None or channel.certificate is None:
+            return
         try:
+            if certificate != channel.certificate:
+                certificate = channel.certificate
+                raise ServiceError(ua.StatusCodes.BadCertificateInvalid)
             await self._validator.validate(certificate, client)
             if not self._is_trusted(certificate):
                 raise ServiceError(ua.StatusCodes.BadCertificateUntrusted)
+            channel.is_accepted = True
         except ServiceError as error:
             status = ua.status_codes.get_name_and_doc(error.code)[0]
             log.warning(

@@ -203,6 +203,12 @@ def _alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterat
         yield causes[0]
     if at.order not in ordering.results:
         yield replace(ordering, results=ordering.results | {at.order})
+    shifts: tuple[float, ...] = ()
+    if at.order not in dict(ordering.time_shifts):
+        step = JITTER + _clock_step(e for e in recording.events if isinstance(e, ClockTick))
+        shifts = (step, -step, 3 * step, -3 * step, 9 * step, -9 * step)  # a busy machine receives the clock late
+    shifted = [replace(ordering, time_shifts=(*ordering.time_shifts, (at.order, shift))) for shift in shifts]
+    yield from shifted[:2]
     near = [e for e in recording.events if abs(e.time - at.time) <= WINDOW and _is_input(e)]
     near.sort(key=lambda e: abs(e.order - at.order))
     moved = dict(ordering.orders)
@@ -211,10 +217,7 @@ def _alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterat
             order = at.order + 0.5 if event.order < at.order else at.order - 0.5
             for cause in causes:
                 yield replace(cause, orders=(*ordering.orders, (event.order, order)))
-    if at.order not in dict(ordering.time_shifts):
-        step = JITTER + _clock_step(e for e in recording.events if isinstance(e, ClockTick))
-        for shift in (step, -step, 3 * step, -3 * step, 9 * step, -9 * step):  # a busy machine receives the clock late
-            yield replace(ordering, time_shifts=(*ordering.time_shifts, (at.order, shift)))
+    yield from shifted[2:]
 
 
 def _is_input(event: Event) -> bool:

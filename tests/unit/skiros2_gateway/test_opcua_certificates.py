@@ -66,6 +66,7 @@ def test_client_certificate_is_refused_and_kept_until_a_person_has_accepted_it(i
     in_gateway(test)
 
 
+@pytest.mark.long
 def test_pem_files_of_any_name_are_read_and_a_wrong_key_is_named(in_gateway: Run, tmp_path: Path) -> None:
     certificate, key = make_certificate(tmp_path, "gateway", "urn:plant:gateway")
     other = make_certificate(tmp_path, "other", "urn:other")[1]

@@ -20,7 +20,7 @@ from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.opcua.identity import cell_name
 from skiros2_gateway.opcua.model import NODESET
 from skiros2_gateway.opcua.server import OpcuaServer
-from support.opcua import NODESETS
+from support.opcua import nodesets
 from unit.skiros2_gateway.opcua_client import Mes
 
 _XML = "{http://opcfoundation.org/UA/2011/03/UANodeSet.xsd}"
@@ -47,7 +47,7 @@ class NodeSet:
 
     def __init__(self, index: int) -> None:
         self._index = index
-        root = ET.parse(NODESETS / NODESET).getroot()
+        root = ET.parse(nodesets() / NODESET).getroot()
         self._aliases = {each.get("Alias"): each.text or "" for each in root.iter(f"{_XML}Alias")}
         self.nodes = {self.id(each.get("NodeId", "")): self._node(each) for each in root if each.tag in _CLASSES}
 

@@ -44,7 +44,13 @@ def test_a_study_is_run_shown_reported_replayed_and_resumed(
     assert main(["replay", study, "4"]) == 0
     assert "the result is the same" in capsys.readouterr().out
     assert main(["resume", study, "--workers", "1", "--evaluations", "14"]) == 0
-    assert "[14/14]" in capsys.readouterr().out
+    output = capsys.readouterr().out
+    assert "[14/14]" in output
+    assert "\nvalidating: 10 executions of each of the best 4 configurations" in output
+    assert main(["resume", study, "--workers", "1", "--evaluations", "14"]) == 0
+    output = capsys.readouterr().out
+    assert "validating: " not in output
+    assert "of 30, 95 % interval" in output
 
 
 def test_a_study_is_validated_later_and_applied_only_then(

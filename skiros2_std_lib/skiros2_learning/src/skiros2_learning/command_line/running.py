@@ -10,7 +10,7 @@ from skiros2_common.command_line.command import CommandResult
 from skiros2_learning.core.evaluation import Evaluation, Execution, Unavailable
 from skiros2_learning.core.report import describe, status_lines, write_report
 from skiros2_learning.core.study import LearningStudy
-from skiros2_learning.core.validation import Repeat, repeat_here, validate, validation_lines
+from skiros2_learning.core.validation import Repeat, repeat_here, stored_validation, validate, validation_lines
 from skiros2_learning.core.workers import OneByOne, Runner, repeat_in_processes
 
 #: Evaluations of which the rate is the mean.
@@ -95,12 +95,15 @@ def _executor(study: LearningStudy, stack: ExitStack, workers: int, confirmed: b
 
 
 def _validate_ended(study: LearningStudy, repeat: Repeat) -> None:
-    """Validates a study after its search. Of several machines, that with the last evaluation does."""
+    """Validates a study after its search, unless it is. Of several machines, that with the last evaluation does."""
     if study.running_count:
         sys.stdout.write(f"other processes run this study; when they end: learn validate {study.folder}\n")
         return
     if not study.ranked():
         sys.stdout.write("not validated: no evaluation has a result\n")
+        return
+    found = stored_validation(study)
+    if found is not None and found.counted == study.counted:
         return
     _say_cost(study)
     try:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from skiros2_common.core.errors import ConfigurationError
-from skiros2_learning.core.evaluation import Evaluation, check_execution, evaluate
+from skiros2_learning.core.evaluation import Evaluation, check_execution, evaluate, find_defaults, find_quantities
 from skiros2_learning.core.platforms import Simulation
 from skiros2_learning.core.randomisation import BodySpread, Randomisation
 from skiros2_learning.core.rewards import Distance, Signal
@@ -37,6 +37,13 @@ def insertion() -> Scenario:
 @pytest.fixture(scope="module")
 def good() -> Evaluation:
     return evaluate(dataclasses.replace(load_scenario(FILE), repetitions=1), GOOD, 1)
+
+
+def test_defaults_and_randomised_quantities_are_found(insertion: Scenario) -> None:
+    assert find_defaults(insertion).keys() == GOOD.keys()
+    bore = {each.name: each.spread for each in find_quantities(insertion)}
+    assert bore["position of the bore"] == "off by 0.002 to 0.004 m, in any direction"
+    assert bore["sensor: force"] == "standard deviation 0.1 N"
 
 
 def test_a_good_search_finds_the_bore_in_spite_of_the_error_of_its_pose(good: Evaluation) -> None:

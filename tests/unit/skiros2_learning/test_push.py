@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from skiros2_common.core.errors import ConfigurationError
-from skiros2_learning.core.evaluation import evaluate
+from skiros2_learning.core.evaluation import evaluate, find_defaults, find_quantities
 from skiros2_learning.core.rewards import Distance
 from skiros2_learning.core.scenario import Criterion, Scenario, Step, load_scenario
 from skiros2_learning.core.variables import Variable
@@ -21,6 +21,16 @@ GOOD = {"Push.StartX": -0.005, "Push.StartY": -0.07, "Push.GoalX": 0.01, "Push.G
 @pytest.fixture
 def push() -> Scenario:
     return dataclasses.replace(load_scenario(PUSH), repetitions=1)
+
+
+def test_the_randomised_quantities_are_those_of_the_scene_and_required_parameters_have_no_defaults(
+    push: Scenario,
+) -> None:
+    found = {each.name: each.centre for each in find_quantities(push)}
+    names = [f"Block: {each}" for each in ("x", "y", "yaw", "mass", "friction")]
+    assert list(found) == [*names, "start posture"]
+    assert found["Block: x"].endswith(" m")
+    assert find_defaults(push) == {}
 
 
 def test_a_good_configuration_brings_the_block_to_the_goal(push: Scenario) -> None:

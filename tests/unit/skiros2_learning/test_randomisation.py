@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from skiros2_common.core.errors import UnknownName
-from skiros2_learning.core.randomisation import BodySpread, Draw, Randomisation, draw
+from skiros2_learning.core.randomisation import BodySpread, Draw, Randomisation, draw, quantities
 from skiros2_motion.core.geometry import Pose, to_euler
 from skiros2_sim.core.scene_spec import BodySpec, SceneSpec
 
@@ -59,6 +59,26 @@ def test_mass_friction_and_start() -> None:
     assert found.scene.bodies[0].mass != 2.0
     assert math.isclose(found.friction["skiros:Product-1"], 0.5, abs_tol=0.1)
     assert found.start in ("left", "right")
+
+
+def test_friction_and_mass_are_drawn_around_the_values_of_the_scene() -> None:
+    block = dataclasses.replace(SCENE.bodies[0], friction=0.35, mass=None, size=(0.01, 0.01, 0.01))
+    scene = SceneSpec((block,))
+    spread = Randomisation({"Block": BodySpread(friction=0.02, mass=0.1)})
+    draws = [draw(scene, spread, np.random.default_rng(seed)) for seed in range(200)]
+    assert np.mean([each.friction[block.id] for each in draws]) == pytest.approx(0.35, abs=0.01)
+    assert np.mean([each.scene.bodies[0].mass for each in draws]) == pytest.approx(0.05, rel=0.05)  # the simulator's
+    found = {each.name: (each.centre, each.spread) for each in quantities(scene, spread)}
+    assert found == {
+        "Block: friction": ("0.35", "standard deviation 0.02, at most 2 times that"),
+        "Block: mass": ("0.05 kg", "standard deviation 0.005 kg, at most 2 times that"),
+    }
+
+
+def test_a_friction_of_the_scenario_is_named_beside_that_of_the_scene() -> None:
+    block = dataclasses.replace(SCENE.bodies[0], friction=0.35)
+    (found,) = quantities(SceneSpec((block,)), Randomisation({"Block": BodySpread(mean_friction=0.8)}))
+    assert (found.centre, found.spread) == ("0.8", "the scenario's, instead of 0.35 of the scene")
 
 
 def test_an_unknown_body_is_reported() -> None:

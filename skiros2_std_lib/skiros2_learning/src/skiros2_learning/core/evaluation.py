@@ -10,6 +10,7 @@ from typing import Any
 
 from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, WrongValue
 from skiros2_learning.core.episode_record import EpisodeRecord
+from skiros2_learning.core.randomisation import Quantity
 from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.variables import Value, configuration_problems
 
@@ -200,6 +201,17 @@ def check_execution(scenario: Scenario) -> None:
     check = getattr(module, "check_scenario", None)
     if check is not None:
         check(scenario)
+
+
+def find_quantities(scenario: Scenario) -> list[Quantity]:
+    """Returns what differs between the executions: by `randomised_quantities(scenario)` in the module of the execution;
+    [] without such a function.
+
+    :raises SkirosError: the scenario does not fit the scene.
+    """
+    module = importlib.import_module(find_execution(scenario.execution).__module__)
+    found = getattr(module, "randomised_quantities", None)
+    return list(found(scenario)) if found is not None else []
 
 
 def find_defaults(scenario: Scenario) -> dict[str, Value]:

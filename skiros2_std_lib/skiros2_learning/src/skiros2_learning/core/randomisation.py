@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any
@@ -19,8 +18,6 @@ from skiros2_sim.core.wrist_sensor import EXACT, SensorModel
 
 #: Default limit of normal distributions, in standard deviations.
 _CLIP = 2.0
-#: Friction of a body without randomisation; see `skiros2_sim.core.body`.
-_FRICTION = 0.9
 #: Smallest factor of a mass or a size.
 _LEAST_FACTOR = 0.1
 
@@ -34,6 +31,7 @@ class BodySpread(Section):
     :param yaw: of the rotation about the vertical (rad).
     :param mass, size: of a factor of the mass, of all edges.
     :param friction: of the friction coefficient, around `mean_friction`.
+    :param mean_friction: None for the friction of the body in the scene.
     """
 
     position: NotNegative = 0.0
@@ -42,7 +40,7 @@ class BodySpread(Section):
     mass: NotNegative = 0.0
     size: NotNegative = 0.0
     friction: NotNegative = 0.0
-    mean_friction: NotNegative = _FRICTION
+    mean_friction: NotNegative | None = None
     clip: Positive = _CLIP
 
 
@@ -88,6 +86,19 @@ class Draw:
     start: str
 
 
+@dataclass(frozen=True)
+class Quantity:
+    """A randomised quantity, for people.
+
+    :param centre: the value that it is drawn around, with its unit.
+    :param spread: how far.
+    """
+
+    name: str
+    centre: str
+    spread: str
+
+
 def draw(scene: SceneSpec, randomisation: Randomisation, random: np.random.Generator) -> Draw:
     """Draws one reality. The order of the bodies in the scene determines the order of random numbers.
 
@@ -107,12 +118,60 @@ def draw(scene: SceneSpec, randomisation: Randomisation, random: np.random.Gener
         # always the same number of random numbers, so that one spread does not change the others
         dx, dy, dz, turn, mass, size, rub = np.clip(random.standard_normal(7), -spread.clip, spread.clip).tolist()
         bodies.append(_changed(body, spread, (dx, dy, dz, turn, mass, size)))
-        if spread.friction or spread.mean_friction != _FRICTION:
-            friction[body.id] = max(0.0, spread.mean_friction + spread.friction * rub)
+        if spread.friction or spread.mean_friction is not None:
+            friction[body.id] = max(0.0, _mean_friction(body, spread) + spread.friction * rub)
     start = ""
     if randomisation.starts:
         start = randomisation.starts[int(random.integers(len(randomisation.starts)))]
     return Draw(dataclasses.replace(scene, bodies=tuple(bodies)), friction, start)
+
+
+def quantities(scene: SceneSpec, randomisation: Randomisation) -> list[Quantity]:
+    """Returns the randomised quantities of a scene."""
+    found: list[Quantity] = []
+    for body in scene.bodies:
+        spread = randomisation.bodies.get(body.label)
+        if spread is None:
+            continue
+        x, y, z = body.pose.position
+        around = {
+            "x": (f"{x:.4g} m", spread.position, " m"),
+            "y": (f"{y:.4g} m", spread.position, " m"),
+            "z": (f"{z:.4g} m", spread.height, " m"),
+            "yaw": ("that of the scene", spread.yaw, " rad"),
+            "mass": (f"{body.own_mass:.4g} kg", spread.mass * body.own_mass, " kg"),
+            "size": (" x ".join(f"{edge:.4g}" for edge in body.size or ()) + " m", 100.0 * spread.size, " %"),
+            "friction": (f"{_mean_friction(body, spread):.4g}", spread.friction, ""),
+        }
+        limit = f"at most {spread.clip:g} times that"
+        found += [
+            Quantity(f"{body.label}: {name}", centre, f"standard deviation {deviation:.4g}{unit}, {limit}")
+            for name, (centre, deviation, unit) in around.items()
+            if deviation
+        ]
+        mean = spread.mean_friction
+        if mean is not None and mean != body.own_friction:
+            text = f"the scenario's, instead of {body.own_friction:.4g} of the scene"
+            found.append(Quantity(f"{body.label}: mean friction", f"{mean:.4g}", text))
+    return [*found, *sensor_quantities(randomisation.sensor), *_start_quantities(randomisation.starts)]
+
+
+def sensor_quantities(sensor: SensorModel) -> list[Quantity]:
+    """Returns the noises of the sensors at the wrists."""
+    noises = (("force", sensor.force_noise, "N"), ("torque", sensor.torque_noise, "Nm"))
+    return [
+        Quantity(f"sensor: {name}", "the true one", f"standard deviation {noise:.4g} {unit}")
+        for name, noise, unit in noises
+        if noise
+    ]
+
+
+def _start_quantities(starts: Sequence[str]) -> list[Quantity]:
+    return [Quantity("start posture", "-", f"one of {', '.join(starts)}")] if starts else []
+
+
+def _mean_friction(body: BodySpec, spread: BodySpread) -> float:
+    return body.own_friction if spread.mean_friction is None else spread.mean_friction
 
 
 def _changed(body: BodySpec, spread: BodySpread, numbers: Sequence[float]) -> BodySpec:
@@ -128,6 +187,5 @@ def _changed(body: BodySpec, spread: BodySpread, numbers: Sequence[float]) -> Bo
         # it keeps standing on what it stood on
         changes["pose"] = Pose((*position[:2], position[2] + c * (factor - 1.0) / 2.0), changes["pose"].orientation)  # type: ignore[attr-defined]
     if spread.mass:
-        known = body.mass if body.mass is not None else math.prod(body.size or (0.05,) * 3) * 600.0
-        changes["mass"] = known * max(_LEAST_FACTOR, 1.0 + spread.mass * mass)
+        changes["mass"] = body.own_mass * max(_LEAST_FACTOR, 1.0 + spread.mass * mass)
     return dataclasses.replace(body, **changes)  # type: ignore[arg-type]

@@ -19,7 +19,8 @@ import numpy as np
 import optuna
 from matplotlib.figure import Figure
 
-from skiros2_learning.core.evaluation import Evaluation
+from skiros2_common.core.errors import SkirosError
+from skiros2_learning.core.evaluation import Evaluation, find_quantities
 from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.validation import share_text, stored_validation, validation_lines
@@ -55,6 +56,7 @@ def write_report(
         if len(complete) >= LEAST_FOR_IMPORTANCE:
             sections.append(_picture("Importance of the parameters", importance(study)))
     sections += [_picture(title, figure) for title, figure in (pictures or {}).items()]
+    sections.append(_randomisation(study.scenario))
     sections.append(f"<h2>Scenario</h2><pre>{html.escape(study.scenario.source)}</pre>")
     target = study.folder / "report.html"
     title = html.escape(f"Study {study.scenario.name}")
@@ -239,6 +241,22 @@ def _validation(study: LearningStudy) -> str:
     text = "Draws that the search has not seen; one set of them chooses a configuration, another one proves it."
     table = f"<table><tr>{head.replace('td>', 'th>')}</tr>{''.join(f'<tr>{row}</tr>' for row in body)}</table>"
     return f"<h2>Validation</h2><p>{text} {html.escape(found.verdict)}.</p>{table}"
+
+
+def _randomisation(scenario: Scenario) -> str:
+    """Lists the randomised quantities. A report is also written where the scene is not, as on another machine."""
+    try:
+        found = find_quantities(scenario)
+    except SkirosError as error:
+        return f"<h2>Randomisation</h2><p>It cannot be listed: {html.escape(str(error))}</p>"
+    if not found:
+        return "<h2>Randomisation</h2><p>The execution reports no randomised quantities.</p>"
+    rows = "".join(
+        f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in (each.name, each.centre, each.spread))}</tr>"
+        for each in found
+    )
+    head = "<tr><th>quantity</th><th>drawn around</th><th>spread</th></tr>"
+    return f"<h2>Randomisation</h2><table>{head}{rows}</table>"
 
 
 def _table(study: LearningStudy, results: dict[int, Evaluation]) -> str:

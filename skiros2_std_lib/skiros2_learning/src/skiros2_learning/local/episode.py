@@ -20,7 +20,7 @@ from skiros2_common.core.params import Param
 from skiros2_common.core.world_element import Element
 from skiros2_learning.core.elements import find_element
 from skiros2_learning.core.episode_record import EpisodeRecord
-from skiros2_learning.core.randomisation import Draw, draw
+from skiros2_learning.core.randomisation import Draw, Quantity, draw, quantities
 from skiros2_learning.core.rewards import names_used
 from skiros2_learning.core.scenario import Scenario, Step
 from skiros2_learning.core.sections import near
@@ -76,8 +76,9 @@ class Episode:
             self.bench.import_libraries(*scenario.libraries)
             if scenario.variation:
                 self._vary()
-            scene = read_scene(wmi.get_scene_elements(), wmi.is_subclass, (scenario.scene.parent,))
-            self.draw: Draw = draw(scene, scenario.randomisation, random)
+            #: As in the file, before the draw.
+            self.scene = read_scene(wmi.get_scene_elements(), wmi.is_subclass, (scenario.scene.parent,))
+            self.draw: Draw = draw(self.scene, scenario.randomisation, random)
             self.world = stack.enter_context(
                 World(
                     self.draw.scene,
@@ -231,6 +232,15 @@ def check_scenario(scenario: Scenario) -> None:
         problems.append("ROS is not installed: skills that use its actions or services are not there")
     if problems:
         raise ConfigurationError(f"scenario {scenario.name}: {'; '.join(problems)}")
+
+
+def randomised_quantities(scenario: Scenario) -> list[Quantity]:
+    """Returns the randomised quantities of a scenario, with the values of its scene.
+
+    :raises SkirosError: the scenario does not fit the scene.
+    """
+    with FakeClock() as clock, Episode(scenario, scenario.seed, 0, clock) as episode:
+        return quantities(episode.scene, scenario.randomisation)
 
 
 def default_configuration(scenario: Scenario) -> dict[str, Value]:

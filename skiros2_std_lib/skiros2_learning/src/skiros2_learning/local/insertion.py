@@ -19,6 +19,7 @@ from pydantic import Field, ValidationError
 from skiros2_common.core.errors import ConfigurationError, SkirosError
 from skiros2_contact_skills.fit import Fit
 from skiros2_learning.core.episode_record import EpisodeRecord
+from skiros2_learning.core.randomisation import Quantity, sensor_quantities
 from skiros2_learning.core.rewards import names_used
 from skiros2_learning.core.scenario import Scenario, ScenarioError
 from skiros2_learning.core.sections import Mistake, NotNegative, Section, mistakes_of, near, numbers, read
@@ -78,6 +79,22 @@ def run_insertion(scenario: Scenario, configuration: dict[str, Value], seed: int
     times, depths, forces = np.array(run.profile).T
     series = {DEPTH: depths, TILT: np.full(len(times), run.tilt), ARM_FORCE: forces}
     return EpisodeRecord(run.success, run.why, run.time, times, {}, {}, series)
+
+
+def randomised_quantities(scenario: Scenario) -> list[Quantity]:
+    """Returns what differs between insertions: the estimated pose of the bore, and the noise of the sensor."""
+    given = _settings(scenario)
+    return [
+        Quantity(
+            "position of the bore", "the true one", _bounds(given.least_position_error, given.position_error, "m")
+        ),
+        Quantity("axis of the bore", "the true one", _bounds(given.least_angle_error, given.angle_error, "degrees")),
+        *sensor_quantities(scenario.randomisation.sensor),
+    ]
+
+
+def _bounds(least: float, most: float, unit: str) -> str:
+    return f"off by {least:.4g} to {most:.4g} {unit}, in any direction"
 
 
 def default_configuration(scenario: Scenario) -> dict[str, Value]:

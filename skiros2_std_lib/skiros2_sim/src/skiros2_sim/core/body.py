@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 from skiros2_common.core.errors import ConfigurationError
@@ -14,13 +13,9 @@ from skiros2_sim.core.physics import Part, Physics
 from skiros2_sim.core.scene_spec import BodySpec, Colour
 from skiros2_sim.core.urdf import MESHES, boxes_link, find_model, read_urdf
 
-_DENSITY = 600.0  # kg/m3, of wood
-_MIN_MASS, _MAX_MASS = 0.05, 50.0  # kg, of a body without a mass of its own
 #: Radius of the edges of a bored box (m). PyBullet's default is 1 mm: a peg slips in with an offset of a millimetre.
 #: With none, it bumps over the edges between the boxes.
 _BROKEN_EDGE = 0.0003
-#: Friction of bodies; PyBullet multiplies the values of both contact partners.
-_FRICTION = 0.9
 #: Rolling friction of movable models (m). Boxes do not roll. With rolling friction the engine's solver does not
 #: converge on things at rest: two boxes on a table took half of the time of a step of a whole cell.
 _ROLLING = 0.0005
@@ -54,9 +49,8 @@ class Body:
             self.body = self._load_model(folders)
         else:
             self.body = self._make_bored_box() if spec.bores else self._make_box()
-        friction = _FRICTION if spec.friction is None else spec.friction
         rolling = _ROLLING if spec.movable and spec.model else None
-        physics.set_surface(self.body, -1, friction, spinning=0.005, rolling=rolling, bounce=0.0)
+        physics.set_surface(self.body, -1, spec.own_friction, spinning=0.005, rolling=rolling, bounce=0.0)
 
     def pose(self) -> Pose:
         """Pose in the map: of the centre of a box, of the root frame of a model."""
@@ -73,13 +67,7 @@ class Body:
     @property
     def mass(self) -> float:
         """In kg; 0 for a fixed body."""
-        spec = self.spec
-        if not spec.movable:
-            return 0.0
-        if spec.mass is not None:
-            return spec.mass
-        volume = math.prod(spec.size) if spec.size is not None else 0.0
-        return min(max(volume * _DENSITY, _MIN_MASS), _MAX_MASS)
+        return self.spec.own_mass if self.spec.movable else 0.0
 
     def _make_box(self) -> int:
         size = self.spec.size

@@ -14,6 +14,11 @@ from skiros2_motion.core.geometry import IDENTITY, Pose, Vector
 
 Colour = tuple[float, float, float, float]
 
+_DENSITY = 600.0  # kg/m3, of wood
+_MIN_MASS, _MAX_MASS = 0.05, 50.0  # kg, of a body without a mass of its own
+#: Friction of a body without one of its own; PyBullet multiplies the values of both contact partners.
+_FRICTION = 0.9
+
 
 @dataclass(frozen=True)
 class BodySpec:
@@ -42,6 +47,19 @@ class BodySpec:
     colour: Colour | None = None
     bores: tuple[Bore, ...] = ()
     friction: float | None = None
+
+    @property
+    def own_mass(self) -> float:
+        """The mass (kg) that it has, or would have if it were movable."""
+        if self.mass is not None:
+            return self.mass
+        volume = math.prod(self.size) if self.size is not None else 0.0
+        return min(max(volume * _DENSITY, _MIN_MASS), _MAX_MASS)
+
+    @property
+    def own_friction(self) -> float:
+        """The friction coefficient of its surface."""
+        return _FRICTION if self.friction is None else self.friction
 
 
 @dataclass(frozen=True)

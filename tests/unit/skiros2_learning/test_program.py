@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -83,6 +86,7 @@ def test_each_mistake_is_one_line_on_stderr(file: str, tmp_path: Path, capsys: p
         assert error.count("\n") == 1
 
 
+NODE = Path(__file__).parents[3] / "skiros2_std_lib/skiros2_learning/nodes/learn"
 PUSH = Path(__file__).parents[3] / "skiros2_std_lib/demos/learning/scenarios/push.yaml"
 
 
@@ -125,3 +129,17 @@ def test_a_goal_without_a_plan_is_one_line(capsys: pytest.CaptureFixture[str]) -
     assert error.count("\n") == 1
     assert main(["scenario", *arguments]) == 1
     assert capsys.readouterr().err == "learn: expected a skill or --goal\n"
+
+
+@pytest.mark.parametrize("command", [["status", "study"], ["--help"], ["validate", "study"]])
+def test_without_the_libraries_each_command_names_what_installs_them_in_one_line(
+    command: list[str], tmp_path: Path
+) -> None:
+    (tmp_path / "optuna.py").write_text("raise ModuleNotFoundError(\"No module named 'optuna'\", name='optuna')\n")
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    done = subprocess.run([sys.executable, str(NODE), *command], env=env, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == (
+        "learn: No module named 'optuna'; `make demo DEMO=push` in the folder of SkiROS2 "
+        "installs the libraries for learning\n"
+    )

@@ -82,7 +82,9 @@ def test_silent_connections_of_many_addresses_leave_room_for_requests(in_gateway
 def test_connections_without_a_request_of_a_known_user_leave_room(in_gateway: Run, begin: bytes) -> None:
     async def test(gateway: Any) -> None:
         async with served(gateway.service, limits=Limits(of_address=20)) as address, opened(address, 20, begin):
-            await asyncio.sleep(0.1)
+            async with asyncio.timeout(30.0):
+                while (await curl(address, "/api/state", token=TOKENS["view"]))[0] != 200:
+                    pass  # their requests are still being read or answered
             for _ in range(30):
                 assert (await curl(address, "/api/state", token=TOKENS["view"]))[0] == 200
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from skiros2_bags.testing.declared import Declared
 from skiros2_bags.testing.recording import Recording
 from skiros2_bags.testing.rerun import ReplayResult, Settings, rerun
 from skiros2_common.core.params import ParamTypes
@@ -113,3 +114,19 @@ def test_earlier_recording_says_that_declarations_are_not_compared() -> None:
 
 def test_skill_that_the_run_does_not_use_is_not_compared(changed: Rerun) -> None:
     assert changed(transport_skills.Pick, without("_pre_conditions", "GripperEmpty"), DRIVE).is_as_recorded
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("{", "cannot be read: JSONDecodeError"),
+        ("[]", "cannot be read: TypeError"),
+        ('{"version": 1, "skills": [{"label": "pick"}]}', "cannot be read: KeyError('declares')"),
+        ('{"version": 1, "skills": [{"label": "pick", "declares": {"": 5}}]}', "cannot be read: TypeError"),
+        ('{"version": 2}', "has version 2 of it, expected 1"),
+    ],
+)
+def test_declarations_that_cannot_be_read_are_not_compared(text: str, problem: str) -> None:
+    found = Declared(text)
+    assert found.differences([], ["pick"]) == []
+    assert len(found.not_compared) == 1 and problem in found.not_compared[0]

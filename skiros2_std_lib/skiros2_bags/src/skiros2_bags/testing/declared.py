@@ -16,15 +16,21 @@ class Declared:
     """
 
     def __init__(self, text: str) -> None:
-        recorded = json.loads(text) if text else {}
         self._skills: dict[str, Declaration] = {}
         self._problem = ""
-        if not recorded:
+        if not text:
             self._problem = "the recording does not have it; record the run again"
-        elif recorded["version"] != VERSION:
-            self._problem = f"the recording has version {recorded['version']} of it, expected {VERSION}"
-        else:
-            self._skills = {skill["label"]: skill["declares"] for skill in recorded["skills"]}
+            return
+        try:
+            recorded = json.loads(text)
+            if recorded["version"] != VERSION:
+                self._problem = f"the recording has version {recorded['version']} of it, expected {VERSION}"
+                return
+            for skill in recorded["skills"]:
+                self._skills[skill["label"]] = {part: {**values} for part, values in skill["declares"].items()}
+        except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+            self._skills = {}
+            self._problem = f"the recorded message cannot be read: {error!r}"
 
     def differences(self, implementations: Iterable[Implementation], used: Collection[str]) -> list[str]:
         """Returns how the declarations of skills in use differ from the recorded ones, a line each."""

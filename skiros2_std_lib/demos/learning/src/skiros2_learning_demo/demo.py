@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from skiros2_bags.core.run import Finding
 from skiros2_common.command_line.command import CommandResult, Parser, command_arguments, run_command
 from skiros2_common.command_line.layout import next_commands
-from skiros2_contact_skills.contact_primitive import MAX_FORCE
+from skiros2_contact_skills.contact_primitive import MAX_FORCE, OVERSHOOT
 from skiros2_learning.command_line.running import Progress
 from skiros2_learning.core.evaluation import find_execution
 from skiros2_learning.core.report import write_report
@@ -155,7 +155,8 @@ class _Run:
     def _insertion(self, study: LearningStudy, validation: Validation) -> tuple[list[Finding], dict[str, Figure]]:
         shown = [each for each in (validation.learned, validation.defaults) if each is not None]
         most = max((r.rewards["force.measured_force"] for r in validation.decided.repetitions), default=math.inf)
-        findings = [Finding(most <= MAX_FORCE, f"the maximum force was {most:.1f} N; {MAX_FORCE:g} N are allowed")]
+        text = f"the maximum force was {most:.1f} N; the limit is {MAX_FORCE:g} N, its overshoot at most {OVERSHOOT - 1:.0%}"
+        findings = [Finding(most <= OVERSHOOT * MAX_FORCE, text)]
         return findings, {"One insertion": _profiles(study.scenario, shown)}
 
 

@@ -155,7 +155,7 @@ class _Run:
     def _insertion(self, study: LearningStudy, validation: Validation) -> tuple[list[Finding], dict[str, Figure]]:
         shown = [each for each in (validation.learned, validation.defaults) if each is not None]
         most = max((r.rewards["force.measured_force"] for r in validation.decided.repetitions), default=math.inf)
-        text = f"the maximum force was {most:.1f} N; the limit is {MAX_FORCE:g} N, its overshoot at most {OVERSHOOT - 1:.0%}"
+        text = f"the maximum force was {most:.1f} N; the limit is {MAX_FORCE:g} N, its overshoot {OVERSHOOT - 1:.0%}"
         findings = [Finding(most <= OVERSHOOT * MAX_FORCE, text)]
         return findings, {"One insertion": _profiles(study.scenario, shown)}
 

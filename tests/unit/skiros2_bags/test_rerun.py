@@ -12,13 +12,14 @@ import pytest
 
 from skiros2_bags.command_line.replay import main
 from skiros2_bags.core.bag_file import BagError
+from skiros2_bags.testing.fake_action_clients import RecordedActions
 from skiros2_bags.testing.recording import Recording, recorded_tasks
 from skiros2_bags.testing.rerun import Settings, rerun
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_demo_skills import timed_motions, transport_skills
 from skiros2_runs.core.states import TaskState
-from skiros2_runs.core.tolerance import Tolerance
+from skiros2_runs.core.tolerance import COMMANDED, Tolerance
 from skiros2_skill.core.processors import ParallelFs
 from support.ros import ROOT
 
@@ -79,6 +80,19 @@ def test_changed_driver_goal_names_the_field(gripper: Recording, monkeypatch: py
     assert found is not None
     assert found.what == "a goal to /gripper, field command.position"
     assert (found.expected, float(found.got)) == ("0.05", pytest.approx(0.05 + more))
+
+
+def test_server_whose_status_is_recorded_is_not_silent_before_the_goal_is_due(gripper: Recording) -> None:
+    tasks = recorded_tasks(gripper)
+    without_goals = copy(gripper)
+    without_goals.events = [e for e in gripper.events if getattr(e, "part", "") != "goal"]
+    last = tasks[-1].progress[-1]
+    actions = RecordedActions(without_goals, COMMANDED)
+    actions.deliver_answers(last, last, lambda skill: (None, None), False)
+    gripper_client, other = actions.client("/gripper", None), actions.client("/other", None)
+    assert not gripper_client.is_connected()
+    assert gripper_client.last_status_msg not in (None, gripper_client.last_status_msg)  # another one each time
+    assert other.last_status_msg is None
 
 
 def test_changed_processor_is_found(gripper: Recording, monkeypatch: pytest.MonkeyPatch) -> None:

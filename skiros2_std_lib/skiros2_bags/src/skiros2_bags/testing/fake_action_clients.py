@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -10,7 +11,7 @@ import genpy
 from actionlib import CommState
 from actionlib_msgs.msg import GoalStatus
 
-from skiros2_bags.testing.recording import ActionMessage, Recording, TaskProgress
+from skiros2_bags.testing.recording import ActionMessage, Recording, ServerStatus, TaskProgress
 from skiros2_runs.core.frame import NodeProgress
 from skiros2_runs.core.states import ENDS, RUNNING, SUCCESS
 from skiros2_runs.core.tolerance import Tolerance, same_text
@@ -45,6 +46,9 @@ class RecordedActions:
             if event.part in ("feedback", "result"):
                 self._answers.setdefault(event.goal_id, []).append(event)
         self._matched: set[str] = set()  # ids of recorded goals
+        self._status_since: dict[str, float] = {}  # time of the first status of a server (s) by action
+        for status in (event for event in recording.events if isinstance(event, ServerStatus)):
+            self._status_since.setdefault(status.action, status.time)
         self._now = 0.0  # time of the tick
         self._messages: set[str] = set()  # of running nodes
         self._sends_goal = False  # whether a node reports a sent goal in this tick
@@ -75,6 +79,10 @@ class RecordedActions:
             client.deliver(progress, states_of, has_result)
 
     # -- for the clients ---------------------------------------------------------------------------------------------
+
+    def has_status(self, action: str) -> bool:
+        """Whether the server of an action had published its status by the current tick."""
+        return self._status_since.get(action, math.inf) <= self._now
 
     def is_due(self, action: str) -> bool:
         """Whether the recorded sender has sent its next goal to an action by the current tick."""
@@ -129,7 +137,8 @@ class FakeActionClient:
     @property
     def last_status_msg(self) -> Any:
         """A different value at each access once the server is available, so that it never counts as silent."""
-        return next(self._counter) + 1 if self.gh is not None or self.is_connected() else None
+        is_there = self.gh is not None or self._actions.has_status(self.ns) or self.is_connected()
+        return next(self._counter) + 1 if is_there else None
 
     def is_connected(self) -> bool:
         """Whether the recorded client was able to send its goal by now."""

@@ -84,6 +84,13 @@ class ActionMessage(Event):
 
 
 @dataclass(frozen=True)
+class ServerStatus(Event):
+    """The status that an action server has published; recorded when it changes."""
+
+    action: str
+
+
+@dataclass(frozen=True)
 class ClockTick(Event):
     """The simulated time (s)."""
 
@@ -197,6 +204,8 @@ def _events(order: int, message: Message, runs: Runs, signals: set[str]) -> Iter
         yield Parameters(order, time, _parameters(message))
     elif kind == "std_msgs/String" and topic.endswith(f"/{DECLARATIONS}"):
         yield Declarations(order, time, topic.removesuffix(f"/{DECLARATIONS}"), message.content.data)
+    elif kind == "actionlib_msgs/GoalStatusArray" and topic.endswith("/status"):
+        yield ServerStatus(order, time, topic.removesuffix("/status"))
     elif kind == "actionlib_msgs/GoalID" and topic.endswith("/cancel"):
         action = topic.removesuffix("/cancel")
         yield ActionMessage(order, time, action, "cancel", message.content.id, None, message.caller)

@@ -18,6 +18,7 @@ from typing import Any
 
 import pytest
 
+from skiros2_gateway.core.job import Method
 from skiros2_gateway.core.problems import Unauthenticated
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.core.store import JobStore
@@ -56,6 +57,15 @@ class Subscriber:
                 if condition(data):
                     return data
         raise AssertionError(f"no message of {topic}")
+
+    async def next_removed(self) -> str:
+        """Returns the topic of the next empty message."""
+        assert self.process.stdout is not None
+        while line := (await self.process.stdout.readline()).decode():
+            name, _, text = line.rstrip("\n").partition(" ")
+            if text == "(null)":
+                return name
+        raise AssertionError("no topic is removed")
 
 
 @asynccontextmanager
@@ -251,6 +261,41 @@ def test_state_is_retained_and_the_last_will_reports_the_end(in_gateway: Run, po
     in_gateway(test)
 
 
+def test_broker_without_memory_gets_the_jobs_that_have_ended(in_gateway: Run, port: int) -> None:
+    async def test(gateway: Any) -> None:
+        for name in ("kept", "cleared"):
+            await gateway.put(name)
+            gateway.cell.run(name)
+            gateway.cell.end(name)
+            await gateway.collected(name)
+        gateway.control.apply(Method.CLEAR, "cleared", "test")
+        gateway.restart()  # it has died before anything was published
+        async with connected(gateway, port, "memory") as (bridge, subscriber):
+            assert (await subscriber.until("memory/job/kept/response"))["outcome"] == "succeeded"
+            assert (await subscriber.until("memory/job/kept/state"))["state"] == "Ended"
+            await publish(port, "memory/job/kept/response", "", "-r")  # as a broker that has lost it
+            bridge._client._sock_close()
+            assert (await subscriber.until("memory/job/kept/response", lambda data: "outcome" in data))["steps"]
+
+    in_gateway(test)
+
+
+def test_retained_topics_of_jobs_that_are_gone_are_removed(in_gateway: Run, port: int) -> None:
+    async def test(gateway: Any) -> None:
+        await gateway.put("open")
+        for name in ("gone", "open"):
+            await publish(port, f"stale/job/{name}/state", {"state": "Running"}, "-r")
+            await publish(port, f"stale/job/{name}/response", {"outcome": "succeeded"}, "-r")
+        async with connected(gateway, port, "stale") as (_, subscriber):
+            wanted = {"stale/job/gone/state", "stale/job/gone/response", "stale/job/open/response"}
+            while wanted:
+                topic = await subscriber.next_removed()
+                assert topic in wanted
+                wanted.discard(topic)
+
+    in_gateway(test)
+
+
 def test_retained_command_is_refused(in_gateway: Run, port: int) -> None:
     async def test(gateway: Any) -> None:
         await publish(port, "four/job/in/store_and_start", message("store_and_start", {"order": ORDER}), "-r")
@@ -336,8 +381,8 @@ def test_element_that_cannot_be_published_costs_no_other(in_gateway: Run, port: 
 
 def test_bridge_continues_after_an_internal_error(in_gateway: Run, port: int, caplog: pytest.LogCaptureFixture) -> None:
     async def test(gateway: Any) -> None:
-        async with connected(gateway, port, "again") as (_, subscriber):
-            await subscriber.until("again/world/Tray-1")
+        async with connected(gateway, port, "internal") as (_, subscriber):
+            await subscriber.until("internal/world/Tray-1")
             state = gateway.cell.state
 
             def broken() -> Any:
@@ -346,9 +391,9 @@ def test_bridge_continues_after_an_internal_error(in_gateway: Run, port: int, ca
 
             gateway.cell.state = broken
             gateway.events.publish("reset", {})
-            await subscriber.until("again/world/Tray-1")
+            await subscriber.until("internal/world/Tray-1")
             await gateway.put("a")
-            await subscriber.until("again/job/a/state")
+            await subscriber.until("internal/job/a/state")
             assert "something unforeseen" in caplog.text
 
     in_gateway(test)

@@ -146,6 +146,13 @@ class JobStore:
         rows = self._read(f"{query} ORDER BY sequence DESC LIMIT ?", since, *states, limit)
         return (Job.from_dict(json.loads(document)) for (document,) in rows)
 
+    def jobs_after(self, number: int, limit: int) -> list[Job]:
+        """Returns jobs in the list with a higher number, the oldest first."""
+        rows = self._read(
+            "SELECT document FROM jobs WHERE cleared = 0 AND sequence > ? ORDER BY sequence LIMIT ?", number, limit
+        )
+        return [Job.from_dict(json.loads(document)) for (document,) in rows]
+
     def counts(self) -> dict[str, int]:
         """Returns how many jobs were in each outcome; those without one by their state."""
         return dict(

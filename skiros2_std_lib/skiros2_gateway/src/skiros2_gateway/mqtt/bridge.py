@@ -8,7 +8,8 @@ Topics below the prefix (`skiros2` by default):
   command is refused: a broker would send it again after each connection.
 - `job/answer`: {request, id, ok} and `job` (its state), or `error` (the problem details as of REST).
 - `job/ID/state`, retained: {state, substate, changed}; `job/ID/response`, retained: the complete response. Both are
-  removed when the job is cleared.
+  removed when the job is cleared. After each connection those of all jobs in the list are published again, also of jobs
+  that have ended, and those of jobs that are gone are removed.
 - `cell`, retained: robots and queue. `world/ID`, retained: an element of the world model; removed with the element.
   `%`, `#`, `+`, `/` and control characters of an id are written as in URLs: `%23`.
 - `status`, retained: `online`; `offline` as the last will.
@@ -45,6 +46,7 @@ from skiros2_gateway.core.keys import Keep, keep_of
 from skiros2_gateway.core.problems import Problem, Rejected, Unauthenticated
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.core.settings import Settings
+from skiros2_gateway.mqtt.retained import RetainedJobs
 from skiros2_gateway.mqtt.signature import Freshness, signature_of
 
 log = logging.getLogger(__name__)
@@ -57,6 +59,8 @@ _PAUSE = 1.0
 #: Characters of an id that would change the meaning of a topic, or that MQTT forbids.
 _NOT_IN_TOPICS = re.compile(r"[%#+/\x00-\x1f\x7f-\x9f\ud800-\udfff]")
 _ORDERS = {"store": Method.STORE, "store_and_start": Method.STORE_AND_START, "update": Method.UPDATE}
+#: The retained topics of a job.
+_KINDS = ("state", "response")
 #: The fields of a command that say what is done.
 _FIELDS = ("id", "order", "comment")
 _METHODS = {m.name.lower(): m for m in Method if m.name.lower() not in _ORDERS}
@@ -81,6 +85,8 @@ class MqttBridge:
         self._loop = asyncio.get_running_loop()
         self._tasks: set[asyncio.Task[None]] = set()
         self._changes = ElementChanges(service.control.cell.document)
+        self._jobs = RetainedJobs(service, self._publish)
+        self._all_jobs: asyncio.Task[None] | None = None  # publishes all jobs
         host, _, port = settings.mqtt.partition(":")
         if port and not port.isdigit():
             raise ConfigurationError(f"mqtt {settings.mqtt!r}, expected HOST or HOST:PORT")
@@ -126,11 +132,16 @@ class MqttBridge:
             return
         log.info("connected to the MQTT broker %s:%d", *self._address)
         self._client.subscribe(self._topic("job/in/+"), _QOS)
+        self._client.subscribe([(self._topic(f"job/+/{kind}"), 0) for kind in _KINDS])
         self._publish("status", "online")
         self._publish_all()
 
     def _on_message(self, message: paho.MQTTMessage) -> None:
-        self._spawn(self._command(message.topic.rpartition("/")[2], message.payload, message.retain))
+        group, name = message.topic.split("/")[-2:]
+        if group == "in":
+            self._spawn(self._command(name, message.payload, message.retain))
+        elif message.retain:
+            self._jobs.check(group, name)
 
     async def _command(self, method: str, payload: bytes, is_retained: bool) -> None:
         data: dict[str, Any] = {}
@@ -224,7 +235,7 @@ class MqttBridge:
     def _on_event(self, event: Event) -> None:
         data = event.data
         if event.kind == "job":
-            self._publish_job(data)
+            self._jobs.publish_state(data)
         elif event.kind == "response":
             self._publish(f"job/{data['job']}/response", data)
         elif event.kind == "cell":
@@ -246,28 +257,29 @@ class MqttBridge:
 
     def _publish_all(self) -> None:
         """Publishes the state, after a connection or where events are missing."""
-        for job in self._service.control.open_jobs:
-            self._publish_job(job.to_dict())
         self._publish_cell()
         self._publish_elements(self._changes.all())
+        if self._all_jobs is not None:
+            self._all_jobs.cancel()
+        self._all_jobs = self._spawn(self._publish_jobs())
 
-    def _publish_job(self, job: dict[str, Any]) -> None:
-        state = {"state": job["state"], "substate": job["substate"], "changed": job["changed"]}
-        self._publish(f"job/{job['id']}/state", None if job["cleared"] else state)
-        if job["cleared"]:
-            self._publish(f"job/{job['id']}/response", None)
+    async def _publish_jobs(self) -> None:
+        """Publishes all jobs; then what is retained of jobs needs no check any more."""
+        await self._jobs.publish_all()
+        self._client.unsubscribe([self._topic(f"job/+/{kind}") for kind in _KINDS])
 
     def _publish_cell(self) -> None:
         queue = [{"id": job.id, "state": job.state.value} for job in self._service.control.open_jobs]
         self._publish("cell", {**self._service.control.cell.state(), "queue": queue})
 
-    def _publish(self, topic: str, data: Any, *, retain: bool = True) -> None:
-        """Publishes JSON data or text; None removes what is retained."""
+    def _publish(self, topic: str, data: Any, *, retain: bool = True) -> paho.MQTTMessageInfo | None:
+        """Publishes JSON data or text; None removes what is retained. Returns None if the topic is impossible."""
         payload = data if isinstance(data, str) else b"" if data is None else json_text(data)
         try:
-            self._client.publish(self._topic(topic), payload, _QOS, retain)
+            return self._client.publish(self._topic(topic), payload, _QOS, retain)
         except ValueError as error:  # such as a topic that is too long: the others are published
             log.error("MQTT topic %.200s: %s", topic, error)
+            return None
 
     # -- internals ---------------------------------------------------------------------------------------------
 
@@ -278,10 +290,11 @@ class MqttBridge:
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(call, *arguments)
 
-    def _spawn(self, work: Any) -> None:
+    def _spawn(self, work: Any) -> asyncio.Task[None]:
         task = self._loop.create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._on_done)
+        return task
 
     def _on_done(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)

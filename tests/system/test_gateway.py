@@ -277,7 +277,10 @@ def test_job_that_asks_after_a_restart_continues_when_it_is_resumed(cell: JobCel
 @pytest.mark.long
 @pytest.mark.parametrize("node", ["/gateway", "/tm", "/wm"])
 def test_job_is_done_once_or_reported_although_a_node_is_killed(cell: JobCell, node: str) -> None:
-    before, number = cell.carried(), ("/gateway", "/tm", "/wm").index(node) + 3
+    def succeeded() -> int:
+        return int(cell.rest.get("/api/state")["robots"][0]["counters"]["succeeded"])
+
+    before, number, count = cell.carried(), ("/gateway", "/tm", "/wm").index(node) + 3, succeeded()
     job_id = f"killed-{node[1:]}"
     assert cell.rest.post("/api/jobs", cell.order(job_id, number, store=1))[0] == 201
     cell.kill(node)
@@ -286,3 +289,4 @@ def test_job_is_done_once_or_reported_although_a_node_is_killed(cell: JobCell, n
     after = cell.order(f"after-{node[1:]}", number)  # the cell works again
     assert cell.rest.post("/api/jobs", after)[0] == 201
     assert cell.wait_for([after["id"]], 2 * PATIENCE)[after["id"]]["response"]["outcome"] == "succeeded"
+    assert succeeded() > count > 0

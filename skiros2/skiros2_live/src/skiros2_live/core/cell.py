@@ -28,7 +28,7 @@ from skiros2_live.core.patch import (
     Table,
     TaskProgress,
 )
-from skiros2_live.core.robots import Robot
+from skiros2_live.core.robots import Robot, Totals
 from skiros2_runs.core.goal_progress import goal_after, new_goal
 from skiros2_runs.core.goal_runs import GOALS, GoalRuns
 from skiros2_runs.core.progress import has_ended
@@ -96,6 +96,7 @@ class CellDocument:
         self._name_of = name_of or self._label
         self.clock = clock
         self._max_goals = max_goals
+        self._earlier: Mapping[str, Totals] = {}
         self._handlers: defaultdict[type, list[Callable[[Any], None]]] = defaultdict(list)
         self._steps: weakref.WeakSet[TaskRun] = weakref.WeakSet()  # the known tasks of goals' steps
         self.connections: dict[str, Connection] = {}
@@ -104,6 +105,10 @@ class CellDocument:
         self.goal_runs = GoalRuns(self.runs)
         self.goals: dict[str, dict[str, Any]] = {}
         self.tables: dict[Table, dict[str, Any]] = {table: {} for table in get_args(Table)}
+
+    def continue_counters(self, earlier: Mapping[str, Totals]) -> None:
+        """Sets what the counters of robots begin with, by name. To be called before the first patch."""
+        self._earlier = earlier
 
     def subscribe(self, kind: type[C], handler: Callable[[C], None]) -> None:
         """Has `handler` called with each change of a kind, once the document has it."""
@@ -205,7 +210,8 @@ class CellDocument:
 
     def _robot(self, manager: str) -> Robot:
         if manager not in self.robots:
-            self.robots[manager] = Robot(manager, self.clock)
+            self.robots[manager] = robot = Robot(manager, self.clock)
+            robot.add(self._earlier.get(manager, Totals()))
             self._publish(RobotChanged(self.robots[manager]))
         return self.robots[manager]
 

@@ -17,6 +17,42 @@ IDLE, BUSY, PAUSED, DISCONNECTED = "idle", "busy", "paused", "disconnected"
 _NO_STOP = "running"
 
 
+@dataclass(frozen=True)
+class Totals:
+    """The sums of which a robot's counters are made.
+
+    :param times: how long it has been in each state (s).
+    """
+
+    times: Mapping[str, float] = field(default_factory=dict)
+    succeeded: int = 0
+    failed: int = 0
+
+    def counters(self) -> dict[str, float]:
+        """Returns times (s), counts and ratios.
+
+        `availability` is the share of time without stop, `utilisation` that with a running task, and `quality` the
+        share of ended tasks that succeeded; lost tasks have failed. `oee` is the product of availability and quality:
+        the platform knows no ideal cycle time, so the performance counts as 1.
+        """
+        total = sum(self.times.values())
+        down = sum(seconds for state, seconds in self.times.items() if state not in (IDLE, BUSY, PAUSED))
+        ended = self.succeeded + self.failed
+        availability = 1.0 - down / total if total else 1.0
+        quality = self.succeeded / ended if ended else 1.0
+        return {
+            "total_s": total,
+            "busy_s": self.times.get(BUSY, 0.0),
+            "down_s": down,
+            "succeeded": self.succeeded,
+            "failed": self.failed,
+            "availability": availability,
+            "utilisation": self.times.get(BUSY, 0.0) / total if total else 0.0,
+            "quality": quality,
+            "oee": availability * quality,
+        }
+
+
 @dataclass
 class RobotTask:
     """A task of a skill manager.
@@ -113,34 +149,21 @@ class Robot:
             "reason": self.reason,
             "since": self.since,
             "tasks": tasks,
-            "counters": self.counters(),
+            "counters": self.totals().counters(),
         }
 
-    def counters(self) -> dict[str, float]:
-        """Returns times (s), counts and ratios since the document began.
-
-        `availability` is the share of time without stop, `utilisation` that with a running task, and `quality` the
-        share of ended tasks that succeeded. `oee` is the product of availability and quality: the platform knows no
-        ideal cycle time, so the performance counts as 1.
-        """
+    def totals(self) -> Totals:
+        """Returns the sums since the document began, and those from before."""
         times = dict(self.times)
         times[self.state] = times.get(self.state, 0.0) + max(0.0, self.clock() - self.since)
-        total = sum(times.values())
-        down = sum(seconds for state, seconds in times.items() if state not in (IDLE, BUSY, PAUSED))
-        ended = self.succeeded + self.failed
-        availability = 1.0 - down / total if total else 1.0
-        quality = self.succeeded / ended if ended else 1.0
-        return {
-            "total_s": total,
-            "busy_s": times.get(BUSY, 0.0),
-            "down_s": down,
-            "succeeded": self.succeeded,
-            "failed": self.failed,
-            "availability": availability,
-            "utilisation": times.get(BUSY, 0.0) / total if total else 0.0,
-            "quality": quality,
-            "oee": availability * quality,
-        }
+        return Totals(times, self.succeeded, self.failed)
+
+    def add(self, earlier: Totals) -> None:
+        """Adds sums from before the document began."""
+        for state, seconds in earlier.times.items():
+            self.times[state] = self.times.get(state, 0.0) + seconds
+        self.succeeded += earlier.succeeded
+        self.failed += earlier.failed
 
 
 def first_stop(robots: Mapping[str, Robot], names: list[str]) -> str:

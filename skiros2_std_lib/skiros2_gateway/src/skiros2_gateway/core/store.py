@@ -39,6 +39,9 @@ CREATE TABLE IF NOT EXISTS keys (
     number INTEGER PRIMARY KEY AUTOINCREMENT, user TEXT NOT NULL, key TEXT NOT NULL, digest TEXT NOT NULL,
     answer TEXT NOT NULL, UNIQUE (user, key));
 CREATE TABLE IF NOT EXISTS signatures (signature TEXT PRIMARY KEY, sent REAL NOT NULL);
+CREATE TABLE IF NOT EXISTS figures (
+    hour INTEGER NOT NULL, robot TEXT NOT NULL, kind TEXT NOT NULL, name TEXT NOT NULL, value REAL NOT NULL,
+    PRIMARY KEY (hour, robot, kind, name)) WITHOUT ROWID;
 """
 
 #: The audit entries that are kept at most, the newest: 100 MB.
@@ -56,6 +59,14 @@ class Numbers(NamedTuple):
 
     event: int
     audit: int
+
+
+class FigureKey(NamedTuple):
+    """Names a figure of a robot; see `skiros2_gateway.core.figures`."""
+
+    robot: str
+    kind: str
+    name: str
 
 
 NONE, ALL = Numbers(0, 0), Numbers(2**62, 2**62)
@@ -112,13 +123,9 @@ class JobStore:
         """Writes changed jobs without waiting for the disk: a power failure may lose the change, the end of the process
         does not.
         """
-        try:
-            self._db.execute("PRAGMA synchronous = NORMAL")
-            with self._transaction() as db:
-                for job in jobs:
-                    _write_job(db, job)
-        finally:
-            self._db.execute("PRAGMA synchronous = FULL")
+        with self._transaction("NORMAL") as db:
+            for job in jobs:
+                _write_job(db, job)
 
     def get(self, job_id: str) -> Job | None:
         """Returns a job, also a cleared one."""
@@ -201,6 +208,7 @@ class JobStore:
                 " ORDER BY number LIMIT ?)",
                 (old.audit, before, dated.audit, _MAX_AUDIT, _PRUNED),
             ).rowcount
+            db.execute("DELETE FROM figures WHERE hour < ?", (int(before // 3600.0),))
         return len(ended) + removed
 
     # -- the audit log -----------------------------------------------------------------------------------------
@@ -282,6 +290,26 @@ class JobStore:
             db.executemany("DELETE FROM signatures WHERE signature = ?", [(each,) for each in expired])
             db.execute("INSERT INTO signatures VALUES (?, ?)", (signature, sent))
 
+    # -- figures -----------------------------------------------------------------------------------------------
+
+    def add_figures(self, hour: int, values: Mapping[FigureKey, float]) -> None:
+        """Adds to the figures of an hour (since the epoch). A power failure may lose the last ones."""
+        with self._transaction("NORMAL") as db:
+            db.executemany(
+                "INSERT INTO figures VALUES (?, ?, ?, ?, ?)"
+                " ON CONFLICT DO UPDATE SET value = figures.value + excluded.value",
+                [(hour, *key, value) for key, value in values.items()],
+            )
+
+    def figures(self, begin: int = 0, end: int = 2**62) -> dict[FigureKey, float]:
+        """Returns the sums of figures over hours: from `begin`, before `end`."""
+        rows = self._read(
+            "SELECT robot, kind, name, SUM(value) FROM figures WHERE hour >= ? AND hour < ? GROUP BY 1, 2, 3",
+            begin,
+            end,
+        )
+        return {FigureKey(robot, kind, name): value for robot, kind, name, value in rows}
+
     # -- internals ---------------------------------------------------------------------------------------------
 
     def _read(self, query: str, *values: Any) -> list[Any]:
@@ -291,8 +319,9 @@ class JobStore:
             raise StoreFailed(f"the job store cannot be read: {error}") from error
 
     @contextmanager
-    def _transaction(self) -> Iterator[sqlite3.Connection]:
+    def _transaction(self, synchronous: str = "FULL") -> Iterator[sqlite3.Connection]:
         try:
+            self._db.execute(f"PRAGMA synchronous = {synchronous}")
             self._db.execute("BEGIN IMMEDIATE")
             yield self._db
             self._db.execute("COMMIT")

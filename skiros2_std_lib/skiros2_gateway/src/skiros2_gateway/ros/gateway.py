@@ -22,6 +22,7 @@ from skiros2_gateway.core.access import Access
 from skiros2_gateway.core.approvals import Approvals
 from skiros2_gateway.core.bags import Bags
 from skiros2_gateway.core.events import EventStream
+from skiros2_gateway.core.figures import Figures, totals_of
 from skiros2_gateway.core.job_control import JobControl
 from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.core.problems import problems_of
@@ -88,6 +89,8 @@ async def _serve(settings: Settings) -> None:
     service = Service(store, access, control, events, approvals)
     rospy.set_param("wm/journal_sync", True)  # a job that is done has not lost its changes, also after a power failure
     cell = RosCell(control, events, masters, settings.jobs_at_once)
+    cell.document.continue_counters(totals_of(store.figures()))
+    figures = Figures(store, cell.document)
     async with contextlib.AsyncExitStack() as stack:
         stack.callback(is_down.set)
         stack.callback(store.close)
@@ -97,6 +100,7 @@ async def _serve(settings: Settings) -> None:
         control.start(cell)
         rospy.on_shutdown(end)
         stack.callback(loop.create_task(users.follow(service.set_users)).cancel)
+        stack.push_async_callback(_ended, loop.create_task(figures.keep()))
         stack.callback(loop.create_task(keep_days(store, settings.keep_days)).cancel)
         if settings.http_port >= 0:
             sock = await _listen(settings, "http_port", settings.http_port)
@@ -122,6 +126,13 @@ async def _serve(settings: Settings) -> None:
             bridge.start()
             stack.push_async_callback(bridge.stop)
         await ended.wait()
+
+
+async def _ended(task: asyncio.Task[None]) -> None:
+    """Cancels a task, and waits for its end."""
+    task.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await task
 
 
 def _live_view(

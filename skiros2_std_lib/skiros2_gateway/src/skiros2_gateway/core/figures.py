@@ -1,0 +1,98 @@
+"""Keeps the figures of robots by the hour: they survive restarts, and can be had for a period.
+
+Kinds of figures: `seconds` by state, `tasks` by outcome (succeeded, failed); and of tasks by the label of their skill:
+`runs`, `run_seconds` and `failures`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import weakref
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping
+
+from skiros2_gateway.core.problems import StoreFailed
+from skiros2_gateway.core.store import FigureKey, JobStore
+from skiros2_live.core.cell import CellDocument, RunsLost
+from skiros2_live.core.robots import Totals
+from skiros2_runs.core.goal_runs import GOALS
+from skiros2_runs.core.states import TaskState
+from skiros2_runs.core.task_run import Recorded, TaskRun
+
+log = logging.getLogger(__name__)
+
+#: How often figures are written (s); a kill of the gateway loses those of this time.
+PERIOD = 1.0
+_HOUR = 3600.0  # s
+
+
+class Figures:
+    """Writes what robots of a document have done since the last time. To be used in the thread of the document."""
+
+    def __init__(self, store: JobStore, document: CellDocument) -> None:
+        self._store = store
+        self._document = document
+        self._ended: defaultdict[FigureKey, float] = defaultdict(float)
+        self._counted: weakref.WeakSet[TaskRun] = weakref.WeakSet()
+        self._written: dict[str, Totals] = totals_of(store.figures())
+        document.subscribe(Recorded, lambda recorded: self._count([recorded.run]))
+        document.subscribe(RunsLost, lambda change: self._count(change.runs))
+
+    def write(self) -> None:
+        """Writes what is new.
+
+        :raises StoreFailed: it is written the next time.
+        """
+        new = {name: robot.totals() for name, robot in self._document.robots.items()}
+        values = dict(self._ended)
+        for name, totals in new.items():
+            written = _figures(name, self._written.get(name, Totals()))
+            values |= {key: value - written.get(key, 0.0) for key, value in _figures(name, totals).items()}
+        self._store.add_figures(int(self._document.clock() // _HOUR), {k: v for k, v in values.items() if v})
+        self._written.update(new)
+        self._ended.clear()
+
+    async def keep(self) -> None:
+        """Writes each `PERIOD` and at the end, until it is cancelled."""
+        try:
+            while True:
+                await asyncio.sleep(PERIOD)
+                self._try_write()
+        finally:
+            self._try_write()
+
+    def _try_write(self) -> None:
+        try:
+            self.write()
+        except StoreFailed as error:
+            log.error("the figures of robots are written later: %s", error)
+
+    def _count(self, runs: Iterable[TaskRun]) -> None:
+        for run in runs:
+            if not run.is_finished or run.robot == GOALS or run in self._counted:
+                continue
+            self._counted.add(run)
+            skill = run.nodes[1 if len(run.nodes) > 1 else 0].label
+            self._ended[FigureKey(run.robot, "runs", skill)] += 1
+            self._ended[FigureKey(run.robot, "run_seconds", skill)] += run.latest.time - run.start
+            self._ended[FigureKey(run.robot, "failures", skill)] += run.state in (TaskState.FAILED, TaskState.LOST)
+
+
+def totals_of(figures: Mapping[FigureKey, float]) -> dict[str, Totals]:
+    """Returns the totals of each robot, by its name."""
+    times: defaultdict[str, dict[str, float]] = defaultdict(dict)
+    counts: Counter[tuple[str, str]] = Counter()
+    for key, value in figures.items():
+        if key.kind == "seconds":
+            times[key.robot][key.name] = value
+        elif key.kind == "tasks":
+            counts[key.robot, key.name] = round(value)
+    names = {*times, *(robot for robot, _ in counts)}
+    return {name: Totals(times[name], counts[name, "succeeded"], counts[name, "failed"]) for name in names}
+
+
+def _figures(robot: str, totals: Totals) -> dict[FigureKey, float]:
+    seconds = {FigureKey(robot, "seconds", state): value for state, value in totals.times.items()}
+    tasks = {"succeeded": totals.succeeded, "failed": totals.failed}
+    return seconds | {FigureKey(robot, "tasks", name): value for name, value in tasks.items()}

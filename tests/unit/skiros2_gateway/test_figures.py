@@ -1,0 +1,81 @@
+"""The figures of robots survive restarts of the gateway."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from skiros2_gateway.core.figures import Figures, totals_of
+from skiros2_gateway.core.store import FigureKey, JobStore
+from skiros2_live.core.cell import CellDocument
+from skiros2_live.core.patch import ManagerConnection, TaskProgress
+from support.progress import FAILURE, SUCCESS, ProgressNode, pick_and_place, root
+
+ROBOT = "/robot"
+
+
+class Cell:
+    """The figures of a document; `restart` is what a kill and a new start of the gateway do."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.now = path, 7000.0
+        self.restart()
+
+    def restart(self) -> None:
+        self.store = JobStore(self.path)
+        self.document = CellDocument(clock=lambda: self.now)
+        self.document.continue_counters(totals_of(self.store.figures()))
+        self.figures = Figures(self.store, self.document)
+        self.document.apply(ManagerConnection(ROBOT, True))
+
+    def run(self, *nodes: ProgressNode, seconds: float = 0.0) -> None:
+        self.now += seconds
+        self.document.apply(TaskProgress(ROBOT, list(nodes), self.now))
+
+    @property
+    def counters(self) -> dict[str, float]:
+        counters: dict[str, float] = self.document.robots_data()[0]["counters"]
+        return counters
+
+
+@pytest.fixture
+def cell(tmp_path: Path) -> Cell:
+    return Cell(tmp_path / "jobs.sqlite")
+
+
+def test_counters_continue_after_a_restart(cell: Cell) -> None:
+    for number, state in enumerate((SUCCESS, SUCCESS, SUCCESS, FAILURE)):
+        cell.run(root(number), seconds=50.0)
+        cell.run(root(number, state, 1), seconds=50.0)
+        cell.figures.write()
+    before = cell.counters
+    assert (before["total_s"], before["busy_s"], before["quality"], before["oee"]) == (400.0, 200.0, 0.75, 0.75)
+    cell.restart()
+    assert cell.counters == before
+    cell.figures.write()
+    cell.restart()
+    assert cell.counters == before
+
+
+def test_killed_robot_lowers_the_oee_also_after_a_restart(cell: Cell) -> None:
+    cell.run(root(1))
+    cell.run(root(1, SUCCESS, 1), seconds=100.0)
+    cell.run(*pick_and_place(task_id=2))
+    cell.document.apply(ManagerConnection(ROBOT, False))
+    cell.now += 100.0
+    cell.figures.write()
+    cell.restart()
+    assert (cell.counters["failed"], cell.counters["down_s"], cell.counters["oee"]) == (1, 100.0, 0.25)
+    assert cell.store.figures()[FigureKey(ROBOT, "failures", "pick")] == 1
+
+
+def test_figures_of_a_period_are_summed(cell: Cell) -> None:
+    for number in range(3):
+        cell.run(*pick_and_place(task_id=number), seconds=3500.0)
+        nodes = pick_and_place(SUCCESS, SUCCESS, task_id=number, state=SUCCESS, code=1)
+        cell.run(*nodes, seconds=100.0)
+        cell.figures.write()
+    found = cell.store.figures(3, 5)
+    assert (found[FigureKey(ROBOT, "runs", "pick")], found[FigureKey(ROBOT, "run_seconds", "pick")]) == (2.0, 200.0)
+    assert totals_of(found)[ROBOT].succeeded == 2

@@ -20,7 +20,7 @@ from skiros2_live.core.patch import (
 )
 from skiros2_runs.core.goal_runs import GOALS
 from skiros2_runs.core.states import TaskState
-from support.progress import SUCCESS, ProgressNode, root
+from support.progress import FAILURE, SUCCESS, ProgressNode, root
 
 ROBOT = "/robot"
 GOAL = "(skiros:contain demo:Tray-1 skiros:Product-2)"
@@ -63,6 +63,20 @@ def test_tasks_of_a_disconnected_robot_are_lost_and_count_as_failed(cell: CellDo
     assert states == ["idle", "busy", "emergency_stop", "busy", "disconnected"]
     assert [run.state for change in lost for run in change.runs] == [TaskState.LOST]
     assert cell.robots_data()[0]["counters"]["failed"] == 1
+
+
+def test_task_that_ends_in_its_first_message_counts(cell: CellDocument) -> None:
+    def counts() -> tuple[float, float]:
+        counters = cell.robots_data()[0]["counters"]
+        return counters["succeeded"], counters["failed"]
+
+    record(cell, 1.0, root(1, SUCCESS, 1))
+    record(cell, 1.5, root(1, SUCCESS, 1))
+    record(cell, 2.0, root(2, FAILURE, -1))
+    assert counts() == (1, 1)
+    cell.apply(ManagerConnection(ROBOT, False))  # its numbers begin again
+    record(cell, 3.0, root(1, SUCCESS, 1))
+    assert counts() == (2, 1)
 
 
 def test_goals_of_a_task_manager_that_has_disconnected_are_lost(cell: CellDocument) -> None:

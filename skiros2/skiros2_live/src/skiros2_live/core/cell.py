@@ -157,8 +157,9 @@ class CellDocument:
 
     def mark_lost(self, robot: str) -> None:
         """Marks the running tasks of a manager as lost; of `GOALS`: of the task manager."""
-        if lost := tuple(self.running(robot)):
-            self.runs.mark_lost(robot)
+        lost = tuple(self.running(robot))
+        self.runs.mark_lost(robot)
+        if lost:
             self._publish(RunsLost(lost))
 
     # -- tasks -------------------------------------------------------------------------------------------------
@@ -172,7 +173,7 @@ class CellDocument:
         if recorded is None:
             return
         robot = self._robot(patch.manager)
-        robot.follow(patch.nodes)
+        robot.follow(patch.nodes, is_new=recorded.run is not known)
         self._publish(recorded)
         if (goal := self.goal_runs.step_recorded(recorded.run, patch.stamp)) is not None:
             self._steps.add(recorded.run)

@@ -108,16 +108,17 @@ class Robot:
         self.failed += len(self.tasks)
         self.tasks.clear()
 
-    def follow(self, nodes: Sequence[NodeMessage]) -> None:
+    def follow(self, nodes: Sequence[NodeMessage], *, is_new: bool = False) -> None:
         """Notes the progress of a task.
 
         :param nodes: the root first.
+        :param is_new: whether it is the first message of the task, which may be the last one too.
         """
         root = nodes[0]
         if not has_ended(nodes):
             label = nodes[1].label if len(nodes) > 1 else root.label
             self.tasks.setdefault(root.id, RobotTask(label)).is_paused = task_state(root) is TaskState.PAUSED
-        elif self.tasks.pop(root.id, None) is not None:
+        elif self.tasks.pop(root.id, None) is not None or is_new:
             self.succeeded += root.state == SUCCESS
             self.failed += root.state == FAILURE
 

@@ -64,8 +64,8 @@ class Runs:
         """
         self._heard_since.pop(robot, None)
         for run in self._runs:
-            if run.robot == robot and not run.latest.has_ended:
-                run.is_lost = True
+            if run.robot == robot:
+                run.is_lost = run.is_lost or not run.latest.has_ended
                 self._current.pop((robot, run.task_id), None)
 
     def clear_ended(self) -> None:

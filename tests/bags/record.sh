@@ -14,7 +14,7 @@ export PYTHONPATH=$(dirname "$(realpath "$0")")/../libraries:${PYTHONPATH:-}
 trap 'kill -INT $(jobs -p) 2>/dev/null; wait; grep -iE "error|warn|died" "$home/system.txt" | tail -n 5; rm -rf "$home"' EXIT
 roscore -p "${PORT:-12399}" >"$home/master.txt" 2>&1 &
 until rosparam list >/dev/null 2>&1; do sleep 0.1; done
-rosrun skiros2_bags record -o "$bag" --force --robots "$robot" --compression bz2 \
+rosrun skiros2_bags record -o "$bag" --force --robots "$robot" --compression bz2 --evidence \
   --without "${WITHOUT:-/rosout.*|/tf.*|/$robot/execute/feedback}" --also "${ALSO:-}" >"$home/recorder.txt" 2>&1 &
 recorder=$!
 until grep -q 'recording to' "$home/recorder.txt"; do sleep 0.1; done

@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 _MEASURED = re.compile(r"(?<![\w.-])-?\d+\.\d+(?:e[-+]?\d+)?|(?<![\w.-])-?\d+(?=\s?%)", re.IGNORECASE)
 _TRACEBACK = "Traceback (most recent call last):"
@@ -53,6 +54,17 @@ def same_text(one: str, other: str, tolerance: Tolerance) -> bool:
 def same_values(one: Sequence[object], other: Sequence[object], tolerance: Tolerance) -> bool:
     """Whether the values of two properties are equal within the tolerance."""
     return len(one) == len(other) and all(_same_value(a, b, tolerance) for a, b in zip(one, other, strict=True))
+
+
+def same_data(one: Any, other: Any, tolerance: Tolerance) -> bool:
+    """Whether JSON data are equal, numbers within the tolerance; texts exactly."""
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(same_data(a, b, tolerance) for a, b in zip(one, other, strict=True))
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(same_data(one[key], other[key], tolerance) for key in one)
+    if isinstance(one, float) or isinstance(other, float):
+        return _same_value(one, other, tolerance)
+    return bool(one == other)
 
 
 def _without_trace(text: str) -> str:

@@ -16,6 +16,7 @@ from skiros2_common.core.params import Param
 from skiros2_msgs import msg as msgs
 from skiros2_runs.core.progress import status_text
 from skiros2_runs.core.states import TaskState
+from skiros2_skill.core.engine.evidence import evidence_json
 from skiros2_skill.core.library.declaration import declarations_json
 from skiros2_skill.core.library.library import Implementation
 from skiros2_skill.core.runtime.request import SkillRequest
@@ -67,11 +68,14 @@ _REPORTED_STATUS = (TaskState.PAUSED, TaskState.ENDING, TaskState.PREEMPTED)
 
 
 class ProgressPublisher:
-    """Publishes progress on `~monitor`; messages are only created for subscribers. One thread at a time per task."""
+    """Publishes progress on `~monitor` and evidence on `~evidence`; messages are only created for subscribers. One
+    thread at a time per task.
+    """
 
     def __init__(self) -> None:
         self._robot = rospy.get_name()
         self._publisher = rospy.Publisher("~monitor", msgs.TreeProgress, queue_size=1000)  # many tasks may end at once
+        self._evidence = rospy.Publisher("~evidence", String, queue_size=1000)
         #: Whether messages include the parameters.
         self.with_params = False
 
@@ -81,14 +85,22 @@ class ProgressPublisher:
         :param needed: whether the caller needs the result even without subscribers.
         :returns: the `SkillProgress` of each node, parents before children; [] when nobody needs it.
         """
+        entries = task.evidence.take()
+        if entries:
+            self._evidence.publish(evidence_json(task.id, entries))
         has_subscribers = self._publisher.get_num_connections() > 0
         progress = self.nodes(task) if has_subscribers or needed else []
         if has_subscribers:
             self._publisher.publish(msgs.TreeProgress(progress))
         return progress
 
+    def wants_evidence(self) -> bool:
+        """Whether somebody subscribes to it."""
+        return bool(self._evidence.get_num_connections() > 0)
+
     def close(self) -> None:
         self._publisher.unregister()
+        self._evidence.unregister()
 
     def nodes(self, task: Task) -> list[Any]:
         """The present `SkillProgress` of each node, parents before children. Any thread."""

@@ -133,8 +133,8 @@ class SkillManager(DiscoverableNode):
         self._debug_sub = rospy.Subscriber("~set_debug", Bool, self._on_debug)
         self._progress, self._signals = ProgressPublisher(), RosSignals()
         self._scheduler = tasks = Scheduler(
-            self._tick_rate, self._tick_pub.publish, self._on_progress,
-            preempt_timeout=self._preempt_timeout, signals=self._signals,
+            self._tick_rate, self._tick_pub.publish, self._on_progress, preempt_timeout=self._preempt_timeout,
+            signals=self._signals, collects_evidence=self._progress.wants_evidence,
         )  # fmt: skip
         self._starter = TaskStarter(self._library, self._wmi, tasks, self._history, lambda: self._registration.robot)
         self._execute = ExecuteAction(self._starter, tasks)

@@ -68,7 +68,8 @@ class System(PrivateSystem):
         :raises SystemDown: the recorder exits.
         :raises TimedOut: the recorder is not ready in time.
         """
-        command = ["rosrun", "skiros2_bags", "record", "--force", "--no-check", "-o", str(self.bag), "--robots", robot]
+        options = ["--force", "--no-check", "--evidence", "-o", str(self.bag), "--robots", robot]
+        command = ["rosrun", "skiros2_bags", "record", *options]
         self.start("recorder", command)
         self.wait_for(lambda: "recording to" in self.log("recorder").read_text(errors="replace"), "the recorder")
 

@@ -120,6 +120,9 @@ PARAMETERS = "/recorder/parameters"
 #: The topic below a manager with what its skills declare.
 DECLARATIONS = "declarations"
 
+#: The topic below a manager with what its engine does. Managers collect it while somebody subscribes.
+EVIDENCE = "evidence"
+
 #: Actions of the task manager, also subscribed to at the start.
 TASK_MANAGER_ACTIONS = ("/tm/task_plan", "/tm/achieve")
 
@@ -155,10 +158,12 @@ class Selection:
 
     :param also: pattern for additional topics, matched against the full name.
     :param without: pattern for excluded topics; overrides everything else.
+    :param evidence: whether to record what the engines of managers do.
     """
 
     also: re.Pattern[str] | None = None
     without: re.Pattern[str] | None = None
+    evidence: bool = False
 
     def initial_topics(self, robots: Iterable[str]) -> list[str]:
         """Returns the topics to subscribe to before they exist.
@@ -167,9 +172,13 @@ class Selection:
         """
         names = [f"/{name.strip('/')}" for name in robots]
         actions = [*TASK_MANAGER_ACTIONS, *(f"{name}/execute" for name in names)]
-        topics = [*INITIAL_TOPICS, *(f"{name}/{topic}" for name in names for topic in MANAGER_TOPICS)]
+        topics = [*INITIAL_TOPICS, *(f"{name}/{topic}" for name in names for topic in self._manager_topics)]
         topics += action_topics(actions)
         return self.allowed(topics)
+
+    @property
+    def _manager_topics(self) -> tuple[str, ...]:
+        return (*MANAGER_TOPICS, EVIDENCE) if self.evidence else MANAGER_TOPICS
 
     def allowed(self, topics: Iterable[str]) -> list[str]:
         """Returns the topics that are not excluded, each once."""

@@ -337,6 +337,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--robots", nargs="*", default=[], metavar="NAME", help="skill managers to expect; others are found later"
     )
+    parser.add_argument(
+        "--evidence", action="store_true", help="record conditions, hooks and pushed values, which re-runs compare"
+    )
     parser.add_argument("--also", default="", metavar="REGEX", help="additional topics, by their full name")
     parser.add_argument("--without", default="", metavar="REGEX", help="topics to exclude")
     parser.add_argument("--compression", default="none", metavar="HOW", help=f"{', '.join(COMPRESSIONS)}")
@@ -350,7 +353,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _record(options: argparse.Namespace) -> int:
     output = options.output or Path(time.strftime("run_%Y-%m-%d_%H-%M-%S.bag"))
-    selection = Selection(pattern(options.also), pattern(options.without))
+    selection = Selection(pattern(options.also), pattern(options.without), options.evidence)
     writer = BagParts(output.absolute(), options.compression, options.force, options.split * 10**6, options.keep)
     try:
         _wait_for_master()

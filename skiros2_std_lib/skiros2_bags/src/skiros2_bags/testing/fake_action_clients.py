@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import Any
 
 import genpy
@@ -20,6 +20,9 @@ from skiros2_std_skills.action_client_primitive import GOAL_SENT, WAITING
 #: Largest time in the bag between a message of an action and the progress message of its tick (s). Recorders and nodes
 #: on a busy machine lag; the progress of the node determines the tick.
 LAG = 0.25
+#: Largest time by which the recorder can have received an answer later than the client (s), if the client's progress
+#: shows the answer.
+RECORDER_LAG = 1.5
 
 #: Returns the recorded nodes of a skill before and after a tick.
 StatesOf = Callable[[Any], tuple[NodeProgress | None, NodeProgress | None]]
@@ -31,14 +34,15 @@ _IGNORED_FIELDS = frozenset({"header", "stamp", "goal_id", "seq"})
 class RecordedActions:
     """The recorded actions, as the clients of a replay see them.
 
-    Goals are matched with the recorded goals of the same sender, in order. `deliver_answers` passes the recorded
-    answers to the clients before each tick. Not thread-safe.
+    Goals and cancel requests are matched with the recorded ones of the same sender, in order. `deliver_answers` passes
+    the recorded answers to the clients before each tick. Not thread-safe.
 
     :param tolerance: of numbers in goals.
     """
 
     def __init__(self, recording: Recording, tolerance: Tolerance) -> None:
         self._goals = [e for e in recording.action_messages if e.part == "goal"]
+        self._cancels = [e for e in recording.action_messages if e.part == "cancel"]
         self._tolerance = tolerance
         self._sent: dict[str, FakeActionClient] = {}  # by the recorded goal's id
         self._answers: dict[str, list[ActionMessage]] = {}  # by the recorded goal's id
@@ -106,6 +110,34 @@ class RecordedActions:
         self._matched.add(expected.goal_id)
         # Result and last feedback are on different topics: recorder and client may receive them in any order.
         client.awaited = sorted(self._answers.get(expected.goal_id, []), key=lambda event: event.part == "result")
+
+    def cancel(self, action: str, which: str) -> None:
+        """Matches a cancel request with the next recorded one.
+
+        :param which: the id of the recorded goal; "" for all goals of the action.
+        """
+        mine = (e for e in self._cancels if (e.action, e.caller, e.goal_id) == (action, self.sender, which))
+        expected = next(mine, None)
+        if expected is None:
+            what = f"a request to cancel {'a goal' if which else 'all goals'} of {action}"
+            self.mismatches.append((what, "none", "sent"))
+        else:
+            self._cancels.remove(expected)
+
+    def goal_id(self, client: FakeActionClient) -> str:
+        """Returns the id of the recorded goal that stands for the present goal of a client; "" without one."""
+        return next((gid for gid, each in self._sent.items() if each is client), "")
+
+    def unsent(self, senders: Collection[str], since: int, until: float = math.inf) -> list[ActionMessage]:
+        """Returns the recorded goals and cancel requests that were not sent, oldest first.
+
+        :param senders: names of nodes.
+        :param since: order of the first message that counts.
+        :param until: the time before which they must have been sent (s since the epoch).
+        """
+        goals = (goal for goal in self._goals if goal.goal_id not in self._matched)
+        found = [e for e in (*goals, *self._cancels) if e.caller in senders and e.order >= since and e.time < until]
+        return sorted(found, key=lambda e: e.order)
 
     def _unmatched_goals(self, action: str) -> Iterator[ActionMessage]:
         """Yields the recorded goals of the current sender that were not matched yet."""
@@ -178,6 +210,7 @@ class FakeActionClient:
                 number -= self._drop_late_feedback(at_most, now.code - before.code - 1)
         elif now is not None and before is not None and before.state == now.state == RUNNING:
             number = now.code - before.code - 1
+            at_most = sum(event.time <= progress.time + RECORDER_LAG for event in self.awaited)
             if number == 0 and now.message != before.message:
                 # the result; the primitive then continues with another goal
                 number = 1
@@ -210,9 +243,13 @@ class FakeActionClient:
                 self._done_cb(event.status, event.content)
 
     def cancel_goal(self) -> None:
-        """Does nothing: the server's reaction is in the recording."""
+        """Compares the request; the server's reaction is in the recording."""
+        if self.gh is not None:
+            self._actions.cancel(self.ns, self._actions.goal_id(self))
 
-    cancel_all_goals = cancel_goal
+    def cancel_all_goals(self) -> None:
+        """Compares the request; the server's reaction is in the recording."""
+        self._actions.cancel(self.ns, "")
 
     def stop_tracking_goal(self) -> None:
         self.gh, self.awaited = None, []

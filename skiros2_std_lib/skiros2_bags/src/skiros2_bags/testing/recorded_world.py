@@ -10,7 +10,7 @@ from pathlib import Path
 from skiros2_bags.core.diff import unchanged_keys
 from skiros2_bags.core.world_history import world_at
 from skiros2_bags.testing.recording import Recording
-from skiros2_common.core.discrete_reasoner import reasoners
+from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
 from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.operations import (
     ADD,
@@ -168,6 +168,16 @@ def add_reasoners(model: WorldModel, packages: Sequence[str] = PACKAGES) -> None
         if name in named:
             reasoners.add(reasoner)
             reasoner.init(ReasonerWorldModel(model))
-            model.add_reasoner(reasoner)
+            _add_without_defaults(model, reasoner)
             reasoner.run = lambda: None  # type: ignore[method-assign]
             reasoner.execute()
+
+
+def _add_without_defaults(model: WorldModel, reasoner: DiscreteReasoner) -> None:
+    """Adds a reasoner. The recorded elements have the default properties already that they had."""
+    before = {node.id: set(node.properties) for node in model.scene()}
+    model.add_reasoner(reasoner)
+    added = {node.id: [key for key in node.properties if key not in before[node.id]] for node in model.scene()}
+    patches = [Patch(eid, ElementChanges({}, keys, [], [], None, None)) for eid, keys in added.items() if keys]
+    if patches:
+        model.transact(patches, AUTHOR)

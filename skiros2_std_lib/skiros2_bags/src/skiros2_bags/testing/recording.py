@@ -15,7 +15,7 @@ import genpy
 import roslib.message
 
 from skiros2_bags.core.bag_file import MONITOR, PROGRESS, BagError, Message
-from skiros2_bags.core.bag_writer import DECLARATIONS, PARAMETERS
+from skiros2_bags.core.bag_writer import DECLARATIONS, EVIDENCE, PARAMETERS
 from skiros2_bags.core.run import Run, add_progress
 from skiros2_bags.core.world_history import read_change
 from skiros2_common.core.errors import WrongValue
@@ -25,6 +25,7 @@ from skiros2_runs.core.frame import Frame, NodeProgress
 from skiros2_runs.core.runs import Runs
 from skiros2_runs.core.states import IDLE
 from skiros2_runs.core.task_run import TaskRun
+from skiros2_skill.core.engine.evidence import Entry
 
 #: The most memory for ticks of tasks (bytes).
 _MAX_KEPT = 1_000_000_000
@@ -120,6 +121,15 @@ class Declarations(Event):
     text: str
 
 
+@dataclass(frozen=True)
+class EvidenceEntries(Event):
+    """What the engine of a manager has done with a task; see `skiros2_skill.core.engine.evidence`."""
+
+    manager: str
+    task_id: int
+    entries: tuple[Entry, ...]
+
+
 class Events:
     """The events of a run, in order."""
 
@@ -204,6 +214,8 @@ def _events(order: int, message: Message, runs: Runs, signals: set[str]) -> Iter
         yield Parameters(order, time, _parameters(message))
     elif kind == "std_msgs/String" and topic.endswith(f"/{DECLARATIONS}"):
         yield Declarations(order, time, topic.removesuffix(f"/{DECLARATIONS}"), message.content.data)
+    elif kind == "std_msgs/String" and topic.endswith(f"/{EVIDENCE}"):
+        yield _evidence(Event(order, time), message)
     elif kind == "actionlib_msgs/GoalStatusArray" and topic.endswith("/status"):
         yield ServerStatus(order, time, topic.removesuffix("/status"))
     elif kind == "actionlib_msgs/GoalID" and topic.endswith("/cancel"):
@@ -213,6 +225,15 @@ def _events(order: int, message: Message, runs: Runs, signals: set[str]) -> Iter
         action, _, part = topic.rpartition("/")
         if part in _PARTS and kind.endswith(f"Action{_PARTS[part]}"):
             yield _action_message(Event(order, time), action, part, _ros_message(message), message.caller)
+
+
+def _evidence(at: Event, message: Message) -> EvidenceEntries:
+    try:
+        found = json.loads(message.content.data)
+        entries = tuple((str(path), str(kind), str(name), value) for path, kind, name, value in found["entries"])
+        return EvidenceEntries(at.order, at.time, message.topic.removesuffix(f"/{EVIDENCE}"), found["task"], entries)
+    except (ValueError, LookupError, TypeError, RecursionError) as error:
+        raise BagError(f"{message.topic} at {message.time:.3f} s: expected evidence as JSON: {error!r}") from error
 
 
 def _parameters(message: Message) -> dict[str, Any]:
@@ -279,12 +300,14 @@ class RecordedTask:
     :param progress: the messages with its ticks, oldest first.
     :param goal: the request; None for a request by service, which bags do not contain.
     :param begin: order of the first message that the task may have caused.
+    :param evidence: what the engine has done with it; empty if that was not recorded.
     """
 
     run: TaskRun
     progress: list[TaskProgress] = field(default_factory=list)
     goal: ActionMessage | None = None
     begin: int = 0
+    evidence: list[Entry] = field(default_factory=list)
 
     @property
     def manager(self) -> str:
@@ -318,6 +341,11 @@ def recorded_tasks(recording: Events) -> list[RecordedTask]:
         requested = task.goal.order if task.goal is not None else _first_order_after(recording, earliest)
         ended = max((t.end + 1 for t in tasks if t.manager == task.manager and t.end < first.order), default=0)
         task.begin = max(min(requested, first.order), ended)
+    for event in (e for e in recording.events if isinstance(e, EvidenceEntries)):
+        latest = [t for t in tasks if (t.manager, t.run.task_id) == (event.manager, event.task_id)
+                  and t.progress[0].time - _MAX_START_DELAY <= event.time]  # fmt: skip
+        if latest:
+            latest[-1].evidence += event.entries
     return tasks
 
 

@@ -326,9 +326,10 @@ class RerunPass:
                 what = f"the world model, by {event.change.author}"
                 return Divergence(self._where(event), what, summary(event.change), "nothing")
             remaining.remove(_subject(event.change))
-        if not remaining:
-            return None
-        return Divergence("at the end", "the world model", "no further change", f"a change of {remaining[0]}")
+        if remaining:
+            return Divergence("at the end", "the world model", "no further change", f"a change of {remaining[0]}")
+        unsent = self.actions.unsent(list(self.managers), self._first)
+        return self._not_sent(unsent[0]) if unsent else None
 
     def declared_differently(self) -> tuple[str, ...]:
         """See `ReplayResult.declared`."""
@@ -336,10 +337,23 @@ class RerunPass:
 
     def not_compared(self) -> tuple[str, ...]:
         """See `ReplayResult.not_compared`."""
-        found = (line for name, m in self.managers.items() for line in m.not_compared(self._used[name]))
+        found = [line for name, m in self.managers.items() for line in m.not_compared(self._used[name])]
+        if not all(run.evidence for run in self._runs.values()):
+            found.append(
+                "which conditions are evaluated, which hooks are called, with what values skills start: the recording "
+                "does not have it; record the run again with --evidence"
+            )
         return tuple(dict.fromkeys(found))
 
     # -- internal ----------------------------------------------------------------------------------------------------
+
+    def _not_sent(self, message: ActionMessage) -> Divergence:
+        what = (
+            "a goal to"
+            if message.part == "goal"
+            else f"a request to cancel {'a goal' if message.goal_id else 'all goals'} of"
+        )
+        return Divergence(self._where(message), f"{what} {message.action}", "sent", "not sent")
 
     def _tick(self, progress: TaskProgress) -> Divergence | None:
         run = self._runs[progress.order]

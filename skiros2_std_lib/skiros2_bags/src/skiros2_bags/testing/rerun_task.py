@@ -10,6 +10,7 @@ from typing import Any
 
 from skiros2_bags.core.bag_file import BagError
 from skiros2_bags.testing.declared import Declared
+from skiros2_bags.testing.evidence import RecordedEvidence
 from skiros2_bags.testing.fake_action_clients import RecordedActions, StatesOf
 from skiros2_bags.testing.recorded_world import change_operations
 from skiros2_bags.testing.recording import RecordedTask, TaskProgress
@@ -219,6 +220,8 @@ class RerunTask:
         self._task = Task(run.run.task_id, manager.wmi, run.manager, signals=manager.signals)
         self._task.root.params.addParam("Robot", manager.robot, ParamTypes.Inferred, "The manager's robot")
         self._task.root(*nodes)
+        self._task.evidence.is_on = bool(run.evidence)
+        self._evidence = RecordedEvidence(run.evidence, tolerance)
 
     def preempt(self) -> None:
         """Requests preemption of the task."""
@@ -250,7 +253,7 @@ class RerunTask:
                     break
         finally:
             self._manager.ticked = None
-        return self._diff(progress)
+        return self._diff(progress) or self._evidence_difference(progress)
 
     def states_between(self, progress: TaskProgress) -> StatesOf:
         """Returns a function that returns the recorded nodes of a skill instance before and after a tick."""
@@ -284,6 +287,12 @@ class RerunTask:
             changed = [n for path, n in now.items() if path not in before or _report(before[path]) != _report(n)]
             lines += [f"tick {number + 1}: {path_text(n.path)}: {report_text(*_report(n))}" for n in changed]
         return tuple(lines[-2 * CONTEXT :])
+
+    def _evidence_difference(self, progress: TaskProgress) -> tuple[str, str, str] | None:
+        if not self._task.evidence.is_on:
+            return None
+        made = self._task.evidence.take()
+        return self._evidence.difference(made, progress.frame.nodes, is_end=self._task.ended.is_set())
 
     def _diff(self, progress: TaskProgress) -> tuple[str, str, str] | None:
         now = TaskRun(self.run.manager, self.run.run.task_id)

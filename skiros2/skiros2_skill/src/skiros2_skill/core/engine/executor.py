@@ -56,7 +56,7 @@ class Executor:
         self.final = FinalFailures()
         self.hooks = Hooks(self.failures, self.breakpoints, wmi)
         self.guard = self.hooks.guard
-        self.parameters = Parameters(wmi, self.guard, wake)
+        self.parameters = Parameters(wmi, self.guard, wake, self.hooks.evidence)
         #: Whether the task was preempted and its nodes are not preempted yet.
         self.blocks_starts = False
         #: Whether a state or progress has changed; the reader resets it.
@@ -183,6 +183,7 @@ class Executor:
         run.instance.request_tick = self._wake
         run.input_values = {key: list(p.current) for key, p in run.params.items()}
         self._set_states(run, _RUNNING)
+        self.hooks.evidence.start(run)
         local = local_revision.current
         refused = self.hooks.on_start(run)
         self._note_progress(run)

@@ -273,17 +273,23 @@ def check_conditions(
     params: ParamHandler,
     wmi: WorldModelPort,
     evaluated: dict[str, list[ConditionStatus]],
+    note: Callable[[ConditionBase, bool], None] | None = None,
 ) -> Failure | None:
     """Evaluates conditions.
 
     :param stage: `PRE`, `HOLD` or `POST`.
     :param evaluated: the last evaluations of the node, by stage; updated.
+    :param note: called with each condition and whether it holds; None: nobody is interested.
     :returns: the failure of the unsatisfied conditions, of stage `EXCEPTION` when a condition raises; None when all
         are satisfied.
     """
     prefix, code, raised_code = _STAGES[stage]
     try:
-        unsatisfied = [c for c in conditions if not c.evaluate(params, wmi)]
+        results = [(c, bool(c.evaluate(params, wmi))) for c in conditions]
+        if note is not None:
+            for condition, holds in results:
+                note(condition, holds)
+        unsatisfied = [c for c, holds in results if not holds]
         if conditions:
             _record(stage, conditions, unsatisfied, params, wmi, evaluated)
         if not unsatisfied:

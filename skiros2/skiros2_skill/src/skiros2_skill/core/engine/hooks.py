@@ -16,6 +16,7 @@ from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.breakpoints import TaskBreakpoints
 from skiros2_skill.core.engine.devices import free_devices
 from skiros2_skill.core.engine.elements import discard_changes
+from skiros2_skill.core.engine.evidence import Evidence
 from skiros2_skill.core.engine.failures import (
     EXECUTE_RAISED,
     POST_FAILED,
@@ -58,6 +59,7 @@ class Hooks:
 
     def __init__(self, failures: Failures, breakpoints: TaskBreakpoints, wmi: WorldModelPort) -> None:
         self._failures, self._breakpoints, self._wmi = failures, breakpoints, wmi
+        self.evidence = Evidence()
         self.guard: HookGuard[SkillRun] = HookGuard()
         self._task = object()  # stands for the task
 
@@ -94,6 +96,8 @@ class Hooks:
         :param of_children: of a compound: the state of its children, which an `execute` that returns None keeps.
         :param secondary: the node has ended already.
         """
+        if self.evidence.is_on:
+            self.evidence.hook(run, EXECUTE_HOOK)
         try:
             answer = self.guard.call(run, EXECUTE_HOOK, run.instance.execute)
         except HookAbandoned:
@@ -109,6 +113,8 @@ class Hooks:
         :param code: the progress code when it raises.
         :param secondary: the node has failed or ended already.
         """
+        if self.evidence.is_on:
+            self.evidence.hook(run, name)
         try:
             return self.guard.call(run, name, hook)
         except HookAbandoned:

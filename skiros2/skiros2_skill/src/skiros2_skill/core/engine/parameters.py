@@ -24,6 +24,7 @@ from skiros2_skill.core.engine.elements import (
     removal_text,
     unwritten_elements,
 )
+from skiros2_skill.core.engine.evidence import Evidence
 from skiros2_skill.core.engine.failures import EXECUTE_RAISED, HOLD_FAILED, Failure, check_conditions
 from skiros2_skill.core.engine.hook_guard import HookGuard
 from skiros2_skill.core.engine.skill_run import SkillRun
@@ -133,10 +134,14 @@ class Parameters:
     :param wmi: the world model as the task sees it.
     :param guard: guards the calls of the world model.
     :param wake: requests a tick at once; any thread may call it.
+    :param evidence: collects the results of conditions, and what is pushed.
     """
 
-    def __init__(self, wmi: WorldModelPort, guard: HookGuard[SkillRun], wake: Callable[[], None]) -> None:
+    def __init__(
+        self, wmi: WorldModelPort, guard: HookGuard[SkillRun], wake: Callable[[], None], evidence: Evidence
+    ) -> None:
         self._wmi = wmi
+        self.evidence = evidence
         self.guard = guard
         self._wake = wake
         #: For hold-conditions on signals; the task sets it before its first tick.
@@ -182,6 +187,7 @@ class Parameters:
     def end(self, run: SkillRun) -> None:
         """Ends the refreshes of a run."""
         self._dependencies.remove(run)
+        self.evidence.end(run)
         while run.watches:
             run.watches.pop()()
 
@@ -284,7 +290,8 @@ class Parameters:
         """Checks hold- or post-conditions of a run; see `check_conditions`."""
         if not conditions:
             return None
-        arguments = (stage, conditions, run.params, self._wmi, run.evaluated)
+        note = self.evidence.conditions(run, stage)
+        arguments = (stage, conditions, run.params, self._wmi, run.evaluated, note)
         return self.guard.call(run, "its conditions", check_conditions, *arguments)
 
     # -- write back and push -----------------------------------------------------------------------------------
@@ -325,6 +332,8 @@ class Parameters:
     def push(self, run: SkillRun, everything: bool = False, removes: bool = True) -> None:
         """Pushes the parameters of a run to the blackboard; see `Blackboard.push`."""
         keys = self.blackboard.push(run, everything, removes)
+        if everything and self.evidence.is_on:
+            self.evidence.push(run, keys, self.blackboard.values)
         if keys:
             self._dependencies.mark_keys(keys)
         run.exposed = [slot.param for slot in run.slots if slot.param.shared_snapshot is not None]

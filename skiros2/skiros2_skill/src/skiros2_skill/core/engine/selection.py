@@ -30,6 +30,7 @@ from skiros2_common.core.world_model_port import Revisions, WorldModelPort
 from skiros2_skill.core.engine.blackboard import Blackboard, make_slots, unprovided_remap
 from skiros2_skill.core.engine.devices import free_devices, lock_devices
 from skiros2_skill.core.engine.elements import missing_text, read_again, refresh_elements
+from skiros2_skill.core.engine.evidence import Evidence
 from skiros2_skill.core.engine.failures import PRE_FAILED, START_RAISED, Failure, Failures, check_conditions
 from skiros2_skill.core.engine.hook_guard import HookGuard
 from skiros2_skill.core.engine.inference import failure_text, filter_candidates, infer
@@ -80,7 +81,8 @@ def select(run: SkillRun, parameters: Parameters, wmi: WorldModelPort, claim: Cl
         candidates, revisions = run.node.candidates(), parameters.revisions(run)
     except SkirosError as error:
         return Failure(START, START_RAISED, str(error))
-    arguments = (run, candidates, wmi, revisions, parameters.blackboard, claim)
+    note = parameters.evidence.conditions(run, PRE)
+    arguments = (run, candidates, wmi, revisions, parameters.blackboard, claim, note)
     return parameters.guard.call(run, "the inference of its parameters", _select, *arguments)
 
 
@@ -90,7 +92,7 @@ def preview_start(root: Node, run: SkillRun, wmi: WorldModelPort) -> Explanation
     :param root: of the tree, which is never ticked.
     :returns: why it would not start; None if it would.
     """
-    parameters, failures = Parameters(wmi, HookGuard(), lambda: None), Failures(wmi)
+    parameters, failures = Parameters(wmi, HookGuard(), lambda: None, Evidence()), Failures(wmi)
     parameters.blackboard = Blackboard(root.own_blackboard)
     parameters.update_revision()
     failure = select(run, parameters, wmi, preview)
@@ -107,6 +109,7 @@ def _select(
     revisions: Revisions | None,
     blackboard: Blackboard,
     claim: Claim,
+    note: Callable[[ConditionBase, bool], None] | None,
 ) -> Failure | None:
     tried: list[Failure] = []
     if len(candidates) > 1:
@@ -116,7 +119,7 @@ def _select(
         slots: list[Slot] = []
         try:
             params, slots = make_slots(run, implementation.declared.params)
-            _find_params(run, slots, params, conditions, wmi, revisions, blackboard, implementation.type)
+            _find_params(run, slots, params, conditions, wmi, revisions, blackboard, implementation.type, note)
             failure = claim(run, implementation, params, slots, wmi)
             if failure is None:
                 return None
@@ -155,12 +158,14 @@ def _find_params(
     revisions: Revisions | None,
     blackboard: Blackboard,
     stype: str,
+    note: Callable[[ConditionBase, bool], None] | None,
 ) -> None:
     """Sets the parameters that are not specified: pulls them from the blackboard, infers elements, and takes learned
     values.
 
     :param conditions: the pre-conditions.
     :param stype: type of the skill.
+    :param note: see `check_conditions`.
     :raises SkirosError: a parameter cannot be set, or a pre-condition is unsatisfied.
     """
     elements = [slot for slot in slots if slot.is_element]
@@ -187,7 +192,7 @@ def _find_params(
     outside = out_of_limits(params)
     if outside:
         raise Rejected(PARAMETER, outside, Failure(PARAMETER, OutOfLimits.CODE, outside))
-    failure = check_conditions(PRE, conditions, params, wmi, run.evaluated)
+    failure = check_conditions(PRE, conditions, params, wmi, run.evaluated, note)
     if failure is not None:
         raise Rejected(PRE, failure.message, failure)
 

@@ -34,6 +34,7 @@ class Scheduler:
     :param hook_timeout: s after which a hook of a preempted task that has not returned is abandoned.
     :param signals: for hold-conditions on signals; None: no signal is published.
     :param first_id: the id of the first task.
+    :param collects_evidence: whether a new task collects evidence; must not block.
     """
 
     def __init__(
@@ -46,6 +47,7 @@ class Scheduler:
         hook_timeout: float = 2.0,
         signals: SignalSource | None = None,
         first_id: int = 0,
+        collects_evidence: Callable[[], bool] = lambda: False,
     ) -> None:
         sys.setrecursionlimit(max(sys.getrecursionlimit(), RECURSION_LIMIT))
         self._scheduled: dict[int, ScheduledTask] = {}
@@ -53,6 +55,7 @@ class Scheduler:
         self._lock = threading.Condition()
         self._stopped = False
         self._signals = signals
+        self._collects_evidence = collects_evidence
         self.breakpoints = Breakpoints()
         #: Returns why the robot is stopped; "" while it is not. Set by a `SafetyGuard`; must not block.
         self.stop_reason: Callable[[], str] = lambda: ""
@@ -75,6 +78,7 @@ class Scheduler:
                 self._next_id = (self._next_id + 1) % (MAX_ID + 1)
             task = Task(self._next_id, wmi, author, self.breakpoints, self._signals)
             task.waker = lambda: self._wake(task)
+            task.evidence.is_on = self._collects_evidence()
             task.pause()
             self._scheduled[task.id] = ScheduledTask(task)
             self._watchdog.main.add(self._scheduled[task.id])

@@ -20,6 +20,7 @@ from skiros2_common.core.world_model_port import WorldModelPort, changed_ids
 from skiros2_runs.core.states import TaskState
 from skiros2_skill.core.engine.breakpoints import BreakpointReached, Breakpoints
 from skiros2_skill.core.engine.devices import free_devices
+from skiros2_skill.core.engine.evidence import Evidence
 from skiros2_skill.core.engine.executor import Executor, StartsBlocked
 from skiros2_skill.core.engine.failures import Failure
 from skiros2_skill.core.engine.hook_guard import HookAbandoned, HungHook
@@ -107,6 +108,11 @@ class Task:
     def state(self) -> State:
         """The state of the tree's root."""
         return self.root.state
+
+    @property
+    def evidence(self) -> Evidence:
+        """Of what the engine does with the task. For the thread that ticks it."""
+        return self._executor.hooks.evidence
 
     @property
     def status(self) -> TaskState:

@@ -1,0 +1,85 @@
+"""Compares what the engine has done with a task with the recording: `~evidence` of its manager."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from skiros2_runs.core.compare import path_text
+from skiros2_runs.core.frame import NodeProgress
+from skiros2_runs.core.tolerance import COMMANDED, Tolerance, same_data
+from skiros2_skill.core.engine.evidence import Entry
+
+_NAMES = {"pre": "pre-condition", "hold": "hold-condition", "post": "post-condition"}
+
+
+class RecordedEvidence:
+    """The recorded entries of a task, and how far a re-run has made the same.
+
+    :param entries: the recorded ones, oldest first.
+    :param tolerance: of values that a skill has pulled or pushed; given ones are compared exactly.
+    """
+
+    def __init__(self, entries: Sequence[Entry], tolerance: Tolerance) -> None:
+        self._entries = entries
+        self._tolerance = tolerance
+        self._number = 0
+
+    def difference(
+        self, made: list[Entry], nodes: Mapping[tuple[int, ...], NodeProgress], is_end: bool
+    ) -> tuple[str, str, str] | None:
+        """Compares entries that a tick has made with the next recorded ones.
+
+        :param nodes: of the tree, by their child indices from the root.
+        :param is_end: whether all recorded entries must have been made.
+        :returns: the first difference (node, recorded, now); None without one.
+        """
+        for entry in map(tuple, json.loads(json.dumps(made))):
+            if self._number == len(self._entries):
+                return _node_text(entry, nodes), "nothing more", _text(entry)
+            wanted = self._entries[self._number]
+            self._number += 1
+            if not self._is_same(wanted, entry):
+                return _difference(wanted, entry, nodes)
+        if is_end and self._number < len(self._entries):
+            wanted = self._entries[self._number]
+            return _node_text(wanted, nodes), _text(wanted), "nothing more"
+        return None
+
+    def _is_same(self, wanted: Entry, entry: Entry) -> bool:
+        tolerance = self._tolerance if wanted[1] in ("pulled", "push") else COMMANDED
+        return wanted[:3] == entry[:3] and same_data(wanted[3], entry[3], tolerance)
+
+
+def _difference(wanted: Entry, entry: Entry, nodes: Mapping[tuple[int, ...], NodeProgress]) -> tuple[str, str, str]:
+    where = _node_text(wanted, nodes)
+    if wanted[:3] == entry[:3] and isinstance(wanted[3], dict) and isinstance(entry[3], dict):
+        for key in dict.fromkeys([*wanted[3], *entry[3]]):
+            if wanted[3].get(key) != entry[3].get(key):
+                what = f"{where}, parameter {key} at its start"
+                return what, *(json.dumps(values.get(key)) for values in (wanted[3], entry[3]))  # type: ignore[return-value]
+    texts = [_text(each) for each in (wanted, entry)]
+    if wanted[0] != entry[0]:
+        texts[1] = f"{_node_text(entry, nodes)}: {texts[1]}"
+    return where, texts[0], texts[1]
+
+
+def _node_text(entry: Entry, nodes: Mapping[tuple[int, ...], NodeProgress]) -> str:
+    node = nodes.get(tuple(map(int, filter(None, entry[0].split(".")))))
+    return path_text(node.path) if node is not None else f"node {entry[0]}"
+
+
+def _text(entry: Entry) -> str:
+    _, kind, name, value = entry
+    if kind in _NAMES:
+        return f"{_NAMES[kind]} {name} {'holds' if value else 'does not hold'}"
+    if kind == "hook":
+        return f"{name} is called"
+    if kind == "push":
+        return f"{name} is taken off the blackboard" if value is None else f"pushes {name} = {_values(value)}"
+    return f"{name} starts with {_values(value)}"
+
+
+def _values(value: Any) -> str:
+    return json.dumps(value)[:200]

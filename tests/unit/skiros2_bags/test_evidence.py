@@ -1,0 +1,89 @@
+"""A re-run compares what the engine does (conditions, hooks, values), and cancel requests."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+import pytest
+
+from skiros2_bags.testing.recording import Recording
+from skiros2_bags.testing.rerun import Settings, rerun
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.explanation import POST
+from skiros2_skill.core.engine.hooks import Hooks
+from skiros2_skill.core.engine.parameters import Parameters
+from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
+from support.ros import ROOT
+
+BAGS = ROOT / "tests" / "bags"
+
+
+@pytest.fixture(scope="module")
+def engine() -> Recording:
+    """Each rule of the engine makes a difference in it."""
+    sys.path.append(str(ROOT / "tests" / "libraries"))
+    return Recording(BAGS / "engine.bag")
+
+
+def test_unchanged_engine_does_what_is_recorded(engine: Recording) -> None:
+    found = rerun(engine, Settings())
+    assert found.is_as_recorded and found.not_compared == ()
+
+
+def test_post_conditions_that_are_not_evaluated_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    genuine = Parameters.check
+    monkeypatch.setattr(
+        Parameters, "check", lambda self, stage, *args: None if stage == POST else genuine(self, stage, *args)
+    )
+    workspace = ROOT / "skiros2_std_lib/demos/timed_skills/owl"
+    found = rerun(Recording(BAGS / "timed_drive.bag"), Settings(workspace)).divergence  # there all of them hold
+    assert found is not None
+    assert found.what == "root / drive"
+    assert (found.expected, found.got) == ("post-condition RobotAtTarget holds", "onEnd is called")
+
+
+def test_hook_that_is_not_called_is_found(engine: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Hooks, "on_end", lambda self, run, state, preempted: state)
+    found = rerun(engine, Settings()).divergence
+    assert found is not None
+    assert found.expected == "onEnd is called"
+
+
+def test_another_value_for_a_played_skill_is_found(engine: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    from replay_skills import engine as skills
+
+    genuine = skills.engine_run.expand
+
+    def faster(self: skills.engine_run, skill: object) -> None:
+        genuine(self, skill)
+        skill.children[-1].specifyParamDefault("Weight", 30.12346)  # type: ignore[attr-defined]
+
+    monkeypatch.setattr(skills.engine_run, "expand", faster)
+    found = rerun(engine, replace(Settings(), played=frozenset({"note_end"}))).divergence
+    assert found is not None
+    assert found.what == "root / engine_run / note_end, parameter Weight at its start"
+    assert (found.expected, found.got) == ("[30.12345]", "[30.12346]")
+
+
+def test_goal_that_is_not_cancelled_is_found(engine: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(PrimitiveActionClient, "onPreempt", lambda self: self.success("Stopped"))
+    found = rerun(engine, Settings()).divergence
+    assert found is not None
+    assert (found.what, found.expected) == ("a request to cancel all goals of /gripper", "sent")
+    assert found.got == "not sent"
+
+
+def test_cancel_request_that_is_not_recorded_is_found(engine: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    genuine = PrimitiveActionClient.onFeedback
+
+    def cancelling(self: PrimitiveActionClient, message: object) -> State:
+        self.client.cancel_goal()
+        return genuine(self, message)
+
+    from replay_skills import skills
+
+    monkeypatch.setattr(skills.grasp, "onFeedback", cancelling)
+    found = rerun(engine, Settings()).divergence
+    assert found is not None
+    assert (found.what, found.expected, found.got) == ("a request to cancel a goal of /gripper", "none", "sent")

@@ -13,6 +13,7 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_gateway.agents.tools import Tools
 from skiros2_gateway.core.approvals import Approvals
 from skiros2_gateway.core.settings import Settings
+from skiros2_gateway.core.store import JobFilter
 from skiros2_gateway.mqtt.bridge import MqttBridge
 from support.broker import broker, needs_broker
 from support.hostile import FORBIDDEN, Hostile, fuzz_mqtt, fuzz_opcua, fuzz_rest
@@ -27,7 +28,7 @@ Run = Callable[..., None]
 
 def check(gateway: Any, log: pytest.LogCaptureFixture, users: Collection[str] = ("operate",)) -> None:
     """Nothing was carried out without the role, and no request has caused an internal error."""
-    assert not [job.id for job in gateway.store.jobs(cleared=True) if job.id.startswith(FORBIDDEN)]
+    assert not [job.id for job in gateway.store.jobs(JobFilter(cleared=True)) if job.id.startswith(FORBIDDEN)]
     assert {entry["user"] for entry in gateway.store.audit_log() if entry["outcome"] == "done"} <= set(users)
     errors = [record for record in log.records if record.levelno >= logging.ERROR and not _is_of_asyncua(record)]
     assert not errors, [record.getMessage() for record in errors]
@@ -102,7 +103,7 @@ def test_opcua_survives_hostile_requests(in_gateway: Run, caplog: pytest.LogCapt
             async with Mes(server.address, "view") as viewer, Mes(server.address, "operate") as mes:
                 await mes.load()  # the types are those of the process
                 await fuzz_opcua(viewer, mes.index, Hostile(3), 60)
-                assert not list(gateway.store.jobs(cleared=True))
+                assert not list(gateway.store.jobs(JobFilter(cleared=True)))
                 await fuzz_opcua(mes, mes.index, Hostile(4), 60)
             check(gateway, caplog)
         finally:

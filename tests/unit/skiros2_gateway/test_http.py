@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 
 from skiros2_gateway.core.events import EventStream
+from skiros2_gateway.core.job import Method
+from skiros2_gateway.core.problems import Problem, WrongQuery
 from support.http_gateway import curl, served
 from unit.skiros2_gateway.conftest import TOKENS
 
@@ -94,6 +96,78 @@ def test_wrong_request_is_answered_with_problem_details(
     in_gateway(test)
 
 
+@pytest.mark.parametrize(
+    ("method", "path", "allowed"),
+    [
+        ("DELETE", "/api/jobs", "GET, POST"),
+        ("POST", "/api/jobs/a", "GET, PUT"),
+        ("PUT", "/api/session", "DELETE, POST"),
+        ("GET", "/api/jobs/a/stop", "POST"),
+    ],
+)
+def test_other_method_is_answered_with_those_that_are_possible(
+    in_gateway: Run, method: str, path: str, allowed: str
+) -> None:
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service) as address:
+            status, answer = await curl(address, path, "-X", method, "-D", "-", "-o", "/dev/null")
+            headers = dict(line.lower().split(": ", 1) for line in answer.splitlines() if ": " in line)
+            assert (status, headers["allow"]) == (405, allowed.lower())
+            assert headers["content-type"] == "application/problem+json"
+
+    in_gateway(test)
+
+
+def test_mistake_of_the_gateway_is_answered_with_problem_details(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service) as address:
+            gateway.service.state = None
+            status, answer = await curl(address, "/api/state", token=TOKENS["view"])
+            assert (status, answer["code"]) == (500, "internal_error")
+
+    in_gateway(test)
+
+
+def test_wrong_query_is_a_bad_request(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async def query(*_: str) -> None:
+            raise WrongQuery([Problem("query_error", "query", "expected SELECT")])
+
+        gateway.cell.query = query
+        async with served(gateway.service) as address:
+            status, answer = await curl(address, "/api/world/query", token=TOKENS["view"], body={"query": "?"})
+            assert (status, answer["code"], answer["problems"][0]["where"]) == (400, "wrong_query", "query")
+
+    in_gateway(test)
+
+
+def test_jobs_are_listed_in_pages(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        for number in range(5):
+            gateway.now += 1.0
+            await gateway.put(f"job-{number}", description="Left" if number % 2 else "right")
+        gateway.control.apply(Method.ABORT, "job-2", "test")
+
+        async with served(gateway.service) as address:
+
+            async def page(query: str) -> tuple[list[str], Any]:
+                status, answer = await curl(address, f"/api/jobs?{query}", token=TOKENS["view"])
+                assert status == 200, answer
+                return [job["id"] for job in answer["jobs"]], answer["next"]
+
+            first, after = await page("limit=2")
+            second, last = await page(f"limit=3&after={after}")
+            assert (first, second, last) == (["job-4", "job-3"], ["job-2", "job-1", "job-0"], None)
+            assert (await page("state=Aborted&state=Ended"))[0] == ["job-2"]
+            assert (await page("outcome=cancelled&limit=1")) == (["job-2"], None)
+            assert (await page("text=left"))[0] == ["job-3", "job-1"]
+            assert (await page("begin=1002&end=1004"))[0] == ["job-2", "job-1"]
+            assert (await curl(address, "/api/jobs?state=Finished", token=TOKENS["view"]))[0] == 422
+            assert (await curl(address, "/api/jobs?stat=Ended", token=TOKENS["view"]))[0] == 422
+
+    in_gateway(test)
+
+
 def test_too_many_requests_are_refused(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
         async with served(gateway.service) as address:
@@ -145,7 +219,16 @@ def test_viewer_that_missed_events_is_told_to_read_the_state() -> None:
 def test_interface_is_described_by_openapi(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
         async with served(gateway.service) as address:
-            paths = (await curl(address, "/openapi.json"))[1]["paths"]
-            assert {"/api/jobs", "/api/jobs/{job_id}/{method}", "/api/state", "/api/events"} <= paths.keys()
+            document = (await curl(address, "/openapi.json"))[1]
+            assert {"/api/jobs", "/api/jobs/{job_id}/{method}", "/api/state", "/api/events"} <= document["paths"].keys()
+            assert set(document["components"]["securitySchemes"]) == {"token", "session"}
+            for path, operations in document["paths"].items():
+                for method, operation in operations.items():
+                    for status, answer in operation["responses"].items():
+                        kinds = set(answer.get("content", {}))
+                        assert kinds == {"application/problem+json"} if status >= "400" else kinds, (path, status)
+                    assert {"400", "401", "403", "405", "422", "429", "500"} <= operation["responses"].keys()
+                    keys = [each["name"] for each in operation.get("parameters", []) if each["in"] == "header"]
+                    assert (keys == ["Idempotency-Key"]) == (method != "get" and path != "/api/session"), (method, path)
 
     in_gateway(test)

@@ -88,7 +88,7 @@ class AgentServer:
             service.view(caller)
             return {"approvals": [approval.to_dict() for approval in service.approvals.open]}
 
-        @router.post("/api/approvals/{approval_id}/{answer}", responses=answers(models.Approval, 404, 405, 409))
+        @router.post("/api/approvals/{approval_id}/{answer}", responses=answers(models.Approval, 404, 409))
         async def answer(
             caller: CallerArg,
             service: ServiceArg,

@@ -44,6 +44,12 @@ class Rejected(WrongValue):
         self.problems = tuple(problems)
 
 
+class WrongQuery(Rejected):
+    """A query of the world model that cannot be read or answered."""
+
+    code = "wrong_query"
+
+
 class Denied(SkirosError):
     """A request of a caller without the role for it."""
 

@@ -10,6 +10,7 @@ import json
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -70,6 +71,47 @@ class FigureKey(NamedTuple):
 
 
 NONE, ALL = Numbers(0, 0), Numbers(2**62, 2**62)
+
+
+@dataclass(frozen=True)
+class JobFilter:
+    """Which jobs are wanted.
+
+    :param state, outcome: empty: any.
+    :param text: in the id, the description or the goal.
+    :param begin, end: made between these times (s since the epoch).
+    :param cleared: also those removed from the list.
+    :param since: only jobs with a higher number.
+    :param after: only jobs with a lower number; None: all.
+    """
+
+    state: Sequence[str] = ()
+    outcome: Sequence[str] = ()
+    text: str = ""
+    begin: float | None = None
+    end: float | None = None
+    cleared: bool = False
+    since: int = 0
+    after: int | None = None
+
+    def sql(self) -> tuple[str, list[Any]]:
+        """Returns the condition of a query, and its values."""
+        found: list[tuple[str, list[Any]]] = [("sequence > ?", [self.since])]
+        if self.after is not None:
+            found.append(("sequence < ?", [self.after]))
+        if not self.cleared:
+            found.append(("cleared = 0", []))
+        for column, values in (("state", self.state), ("outcome", self.outcome)):
+            if values:
+                found.append((f"{column} IN ({', '.join('?' for _ in values)})", list(values)))
+        for comparison, time in ((">=", self.begin), ("<", self.end)):
+            if time is not None:
+                found.append((f"json_extract(document, '$.created') {comparison} ?", [time]))
+        if self.text:
+            fields = ("id", "json_extract(document, '$.order.description')", "json_extract(document, '$.goal')")
+            condition = " OR ".join(f"instr(lower({field}), ?)" for field in fields)
+            found.append((f"({condition})", [self.text.lower()] * len(fields)))
+        return " AND ".join(condition for condition, _ in found), [value for _, values in found for value in values]
 
 
 class JobStore:
@@ -137,20 +179,12 @@ class JobStore:
         rows = self._read("SELECT document FROM jobs WHERE is_open = 1 ORDER BY sequence")
         return [Job.from_dict(json.loads(document)) for (document,) in rows]
 
-    def jobs(
-        self, states: Sequence[str] = (), *, cleared: bool = False, since: int = 0, limit: int = 1000
-    ) -> Iterator[Job]:
-        """Returns jobs, the newest first.
-
-        :param states: empty: all.
-        :param cleared: also those removed from the list.
-        :param since: only jobs with a higher number.
-        """
-        marks = ", ".join("?" for _ in states)
-        query = "SELECT document FROM jobs WHERE sequence > ?"
-        query += f" AND state IN ({marks})" if states else ""
-        query += "" if cleared else " AND cleared = 0"
-        rows = self._read(f"{query} ORDER BY sequence DESC LIMIT ?", since, *states, limit)
+    def jobs(self, wanted: JobFilter | None = None, limit: int = 1000) -> Iterator[Job]:
+        """Returns jobs, the newest first."""
+        conditions, values = (wanted or JobFilter()).sql()
+        rows = self._read(
+            f"SELECT document FROM jobs WHERE {conditions} ORDER BY sequence DESC LIMIT ?", *values, limit
+        )
         return (Job.from_dict(json.loads(document)) for (document,) in rows)
 
     def jobs_after(self, number: int, limit: int) -> list[Job]:

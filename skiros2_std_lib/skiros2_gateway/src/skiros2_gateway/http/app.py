@@ -14,8 +14,9 @@ key, it is answered as the first time. A command that was refused may be sent ag
 
 Errors are problem details (RFC 9457, `application/problem+json`): `title`, `status`, `code`, `detail`, and for requests
 with wrong fields `problems`, a list of {code, where, message, expected, nearest}. A request with an error has changed
-nothing. Status: 401 no credentials, 403 role, 404 unknown, 409 not in this state, 413 too large, 422 wrong fields, 429
-too many requests (with `Retry-After`), 503 the cell does not answer.
+nothing. Status: 400 the query or body cannot be read, 401 no credentials, 403 role, 404 unknown, 405 another method
+(`Allow` has those that are possible), 409 not in this state, 413 too large, 422 wrong fields, 429 too many requests
+(with `Retry-After`), 500 a mistake of the gateway, 503 the cell does not answer.
 
 State and events:
 
@@ -48,6 +49,7 @@ from skiros2_gateway.core.goal_form import GoalEdit
 from skiros2_gateway.core.job import Method, Order
 from skiros2_gateway.core.service import ROBOT_ACTIONS, Service
 from skiros2_gateway.core.sessions import MAX_AGE
+from skiros2_gateway.core.store import JobFilter
 from skiros2_gateway.http import models
 from skiros2_gateway.http.ascii_answers import AsciiAnswers
 from skiros2_gateway.http.body_limit import MAX_BODY, BodyLimit
@@ -65,10 +67,16 @@ def create_app(service: Service, routers: Sequence[APIRouter] = (), max_body: in
     :param routers: further routes.
     :param max_body: the largest body of a request (bytes).
     """
-    app = FastAPI(title="SkiROS2 gateway", version="1", docs_url=None, redoc_url=None)
+    app = FastAPI(
+        title="SkiROS2 gateway",
+        version="1",
+        docs_url=None,
+        redoc_url=None,
+        generate_unique_id_function=lambda route: route.name,
+    )
     app.state.service = service
-    app.include_router(_router)
-    for router in routers:
+    app.state.routers = (_router, *routers)
+    for router in app.state.routers:
         app.include_router(router)
     app.openapi = lambda: describe(app)  # type: ignore[method-assign]
     add_error_handlers(app)
@@ -87,28 +95,38 @@ Since = Annotated[int, Query(ge=0, lt=2**63)]
 _router = APIRouter(prefix="/api")
 
 
-class _Comment(BaseModel):
+class Comment(BaseModel):
+    """Why a method is applied; kept in the job's history."""
+
     model_config = ConfigDict(extra="forbid")
     comment: str = ""
 
 
-class _Robots(BaseModel):
+class RobotNames(BaseModel):
+    """Node names of robots; empty: all."""
+
     model_config = ConfigDict(extra="forbid")
     robots: list[str] = []
 
 
-class _Goal(BaseModel):
+class PlanRequest(BaseModel):
+    """A goal to plan for."""
+
     model_config = ConfigDict(extra="forbid")
     goal: str
     quality: Literal["", "first", "best", "optimal"] = ""
 
 
-class _Query(BaseModel):
+class SparqlQuery(BaseModel):
+    """A query of the world model."""
+
     model_config = ConfigDict(extra="forbid")
     query: str
 
 
-class _NewJob(Order):
+class NewJob(Order):
+    """An order, and whether it may start."""
+
     start: bool = True
     comment: str = ""
 
@@ -119,13 +137,15 @@ async def health(service: ServiceArg) -> dict[str, Any]:
     return {"status": "running", "stream": service.events.name}
 
 
-class _Session(BaseModel):
+class Login(BaseModel):
+    """The token of a user."""
+
     model_config = ConfigDict(extra="forbid")
     token: str
 
 
 @_router.post("/session", responses=answers(models.LoggedIn), openapi_extra={"security": []})
-async def login(request: Request, response: Response, body: _Session, service: ServiceArg) -> dict[str, str]:
+async def login(request: Request, response: Response, body: Login, service: ServiceArg) -> dict[str, str]:
     """Starts a session of the page for a token, and sets its cookie."""
     secret, caller = service.sessions.start(body.token, address_of(request))
     is_secure = request.url.scheme == "https"
@@ -151,7 +171,7 @@ async def sessions(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
     return {"sessions": service.sessions.open(caller)}
 
 
-@_router.delete("/sessions/{session_id}", responses=answers(models.Empty, 404, 405))
+@_router.delete("/sessions/{session_id}", responses=answers(models.Empty, 404))
 async def end_session(caller: CallerArg, service: ServiceArg, session_id: str) -> dict[str, str]:
     """Ends a session of the page: an own one, or with the role maintain any."""
     service.view(caller)
@@ -160,7 +180,7 @@ async def end_session(caller: CallerArg, service: ServiceArg, session_id: str) -
     return {}
 
 
-@_router.get("/state", responses=answers(models.State))
+@_router.get("/state", responses=answers(models.CellState))
 async def state(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
     """The state of the cell: robots, queue, counters."""
     return service.state(caller)
@@ -193,22 +213,17 @@ async def world(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
 
 
 @_router.get("/jobs", responses=answers(models.Jobs))
-async def jobs(
-    caller: CallerArg,
-    service: ServiceArg,
-    state: Annotated[list[str] | None, Query()] = None,
-    cleared: bool = False,
-    since: Since = 0,
-    limit: Annotated[int, Query(ge=1, le=10_000)] = 1000,
-) -> dict[str, Any]:
-    """Jobs, the newest first; only those with a number above `since`."""
+async def jobs(caller: CallerArg, service: ServiceArg, query: Annotated[models.JobQuery, Query()]) -> dict[str, Any]:
+    """A page of the jobs, the newest first. `next` is the `after` of the page that follows; null on the last one."""
     service.view(caller)
-    found = service.store.jobs(state or (), cleared=cleared, since=since, limit=limit)
-    return {"jobs": [job.to_dict() for job in found]}
+    found = list(service.store.jobs(JobFilter(**query.model_dump(exclude={"limit"})), query.limit + 1))
+    more = len(found) > query.limit
+    page = found[: query.limit]
+    return {"jobs": [job.to_dict() for job in page], "next": page[-1].sequence if more else None}
 
 
-@_router.post("/jobs", status_code=201, responses=answers(models.JobData, 409, status=201) | answers(models.JobData))
-async def put_job(caller: CallerArg, service: ServiceArg, body: _NewJob, response: Response) -> dict[str, Any]:
+@_router.post("/jobs", status_code=201, responses=answers(models.JobData, status=201) | answers(models.JobData))
+async def put_job(caller: CallerArg, service: ServiceArg, body: NewJob, response: Response) -> dict[str, Any]:
     """Stores an order, and allows it to start unless `start` is false. 200 if the same order is known."""
     data = body.model_dump(mode="json", exclude={"start", "comment"})
     job, is_new = await service.put(caller, data, body.comment, start=body.start)
@@ -216,23 +231,23 @@ async def put_job(caller: CallerArg, service: ServiceArg, body: _NewJob, respons
     return job.to_dict()
 
 
-@_router.get("/jobs/{job_id}", responses=answers(models.JobData, 404, 405))
+@_router.get("/jobs/{job_id}", responses=answers(models.JobData, 404))
 async def get_job(caller: CallerArg, service: ServiceArg, job_id: str) -> dict[str, Any]:
     """A job with its response."""
     service.view(caller)
     return service.control.get(job_id).to_dict()
 
 
-@_router.put("/jobs/{job_id}", responses=answers(models.JobData, 404, 405, 409))
-async def update_job(caller: CallerArg, service: ServiceArg, job_id: str, body: _NewJob) -> dict[str, Any]:
+@_router.put("/jobs/{job_id}", responses=answers(models.JobData, 404, 409))
+async def update_job(caller: CallerArg, service: ServiceArg, job_id: str, body: NewJob) -> dict[str, Any]:
     """Replaces the order of a job that has not started."""
     data = body.model_dump(mode="json", exclude={"start", "comment"})
     return (await service.update(caller, {**data, "id": job_id}, body.comment)).to_dict()
 
 
-@_router.post("/jobs/{job_id}/{method}", responses=answers(models.JobData, 404, 405, 409))
+@_router.post("/jobs/{job_id}/{method}", responses=answers(models.JobData, 404, 409))
 async def apply(
-    caller: CallerArg, service: ServiceArg, job_id: str, method: str, body: Annotated[_Comment | None, Body()] = None
+    caller: CallerArg, service: ServiceArg, job_id: str, method: str, body: Annotated[Comment | None, Body()] = None
 ) -> dict[str, Any]:
     """Applies start, revoke_start, pause, resume, stop, abort, cancel or clear."""
     known = {each.name.lower(): each for each in Method}
@@ -241,7 +256,7 @@ async def apply(
     return service.apply(caller, known[method], job_id, body.comment if body else "").to_dict()
 
 
-@_router.get("/jobs/{job_id}/history", responses=answers(models.History, 404, 405))
+@_router.get("/jobs/{job_id}/history", responses=answers(models.History, 404))
 async def history(caller: CallerArg, service: ServiceArg, job_id: str) -> dict[str, Any]:
     """The changes of a job's state, the oldest first."""
     service.view(caller)
@@ -256,8 +271,8 @@ async def work_masters(caller: CallerArg, service: ServiceArg) -> dict[str, Any]
     return {"work_masters": [{**m.model_dump(mode="json"), "schema": m.parameters_schema()} for m in masters]}
 
 
-@_router.post("/robots/{action}", responses=answers(models.TasksByRobot, 404, 405, 409))
-async def robots(caller: CallerArg, service: ServiceArg, action: str, body: _Robots) -> dict[str, Any]:
+@_router.post("/robots/{action}", responses=answers(models.TasksByRobot, 404, 409))
+async def robots(caller: CallerArg, service: ServiceArg, action: str, body: RobotNames) -> dict[str, Any]:
     """Preempts, pauses or resumes all tasks of robots: actions stop, pause and resume."""
     if action not in ROBOT_ACTIONS:
         raise UnknownName(f"there is no action {action!r}; there are: {', '.join(ROBOT_ACTIONS)}")
@@ -272,7 +287,7 @@ async def skills(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
 
 
 @_router.post("/plan", responses=answers(models.Plan, 409))
-async def plan(caller: CallerArg, service: ServiceArg, body: _Goal) -> dict[str, Any]:
+async def plan(caller: CallerArg, service: ServiceArg, body: PlanRequest) -> dict[str, Any]:
     """The plan for a goal, with its purpose and its simulated changes; nothing moves. See the action MakePlan."""
     with service.planning(caller):
         return await service.control.cell.plan(body.goal, body.quality)
@@ -286,7 +301,7 @@ async def goal_form(caller: CallerArg, service: ServiceArg, body: GoalEdit) -> d
 
 
 @_router.post("/world/query", responses=answers(models.Table, 409))
-async def query(caller: CallerArg, service: ServiceArg, body: _Query) -> dict[str, Any]:
+async def query(caller: CallerArg, service: ServiceArg, body: SparqlQuery) -> dict[str, Any]:
     """Answers a SPARQL query: {columns, rows}."""
     service.view(caller)
     return await service.control.cell.query(body.query, caller.user)

@@ -109,13 +109,13 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
         service.view(caller)
         return {"bags": await asyncio.to_thread(bags.list)}
 
-    @router.get("/bags/{name}", responses=answers(models.BagContent, 404, 405, 409))
+    @router.get("/bags/{name}", responses=answers(models.BagContent, 404, 409))
     async def open_bag(caller: CallerArg, service: ServiceArg, name: str) -> Response:
         """Runs of trees in a bag by key, see `run_view.summary_data`, goals, signals, and the damage of the file."""
         with service.reading_bag(caller):
             return _json(await asyncio.to_thread(bags.open, name))
 
-    @router.get("/runs/{key:path}/why", responses=answers(models.Why, 404, 405, 409))
+    @router.get("/runs/{key:path}/why", responses=answers(models.Why, 404, 409))
     async def why(caller: CallerArg, service: ServiceArg, key: str) -> dict[str, Any]:
         """Why a run failed: {text, explanations}."""
         service.view(caller)
@@ -126,7 +126,7 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
         why = await cell.why(failed[-1].robot, failed[-1].task_id) if failed else {"text": "", "explanations": []}
         return {**why, "text": "\n".join(filter(None, (run.latest.message(0), why["text"])))}
 
-    @router.get("/runs/{key:path}/nodes/{node}", responses=answers(models.NodeValues, 404, 405, 409))
+    @router.get("/runs/{key:path}/nodes/{node}", responses=answers(models.NodeValues, 404, 409))
     async def node(
         caller: CallerArg, service: ServiceArg, key: str, node: NodeId, time: FiniteFloat | None = None
     ) -> dict[str, Any]:
@@ -145,7 +145,7 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
             raise UnknownName(f"the values of node {node} of {key} were not read while it ran")
         return values.to_dict()
 
-    @router.get("/runs/{key:path}/scene", responses=answers(models.Scene, 404, 405))
+    @router.get("/runs/{key:path}/scene", responses=answers(models.Scene, 404))
     async def scene_at(caller: CallerArg, service: ServiceArg, key: str, time: FiniteFloat) -> Response:
         """Elements and robots at a time."""
         if key.startswith("bag/"):
@@ -155,13 +155,13 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
         find(key)
         return _json(view.scenes.at(time))
 
-    @router.get("/runs/{key:path}", responses=answers(models.RunAt, 404, 405))
+    @router.get("/runs/{key:path}", responses=answers(models.RunAt, 404))
     async def run_at(caller: CallerArg, service: ServiceArg, key: str, time: FiniteFloat | None = None) -> Response:
         """A run at a time."""
         service.view(caller)
         return _json(history_data(find(key), time))
 
-    @router.post("/runs/{key}/{action}", responses=answers(models.Empty, 404, 405, 409))
+    @router.post("/runs/{key}/{action}", responses=answers(models.Empty, 404, 409))
     async def command(caller: CallerArg, service: ServiceArg, key: str, action: str) -> dict[str, Any]:
         """Stops, pauses, resumes or steps a task."""
         if action not in TASK_ACTIONS:

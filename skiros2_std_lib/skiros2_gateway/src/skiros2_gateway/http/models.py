@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from skiros2_gateway.core import job
+
+#: A number of the store: SQLite's integers have 64 bits.
+Number = Annotated[int, Field(ge=0, lt=2**63)]
 
 
 class Empty(BaseModel):
@@ -73,12 +76,29 @@ class JobData(BaseModel):
 
 
 class Jobs(BaseModel):
-    """Jobs, the newest first."""
+    """A page of jobs, the newest first."""
 
     jobs: list[JobData]
+    next: int | None = Field(description="the `after` of the page that follows; null: there is none")
 
 
-class State(BaseModel):
+class JobQuery(BaseModel):
+    """Which jobs are wanted. `begin` and `end` in s since the epoch."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    state: list[job.State] = []
+    outcome: list[str] = Field([], max_length=20)
+    text: str = Field("", max_length=200, description="in the id, the description or the goal")
+    begin: FiniteFloat | None = Field(None, description="made at this time or later")
+    end: FiniteFloat | None = Field(None, description="made before this time")
+    cleared: bool = Field(False, description="also those removed from the list")
+    since: Number = Field(0, description="only jobs with a higher number")
+    after: Number | None = Field(None, description="only jobs after this one in the list: `next` of a page")
+    limit: int = Field(1000, ge=1, le=10_000)
+
+
+class CellState(BaseModel):
     """The state of the cell: robots, queue, counters."""
 
     event: str = Field(description="the id of the last event that is included")

@@ -7,6 +7,7 @@ from typing import Any
 from skiros2_gateway.core.events import Event
 from skiros2_gateway.core.job import FINAL, Job, Order, State, Substate
 from skiros2_gateway.core.service import Service
+from skiros2_gateway.core.store import JobFilter
 from skiros2_gateway.opcua.orders import job_order_and_state, job_response
 
 #: How many of the newest responses are in the list.
@@ -54,6 +55,6 @@ class JobLists:
         :raises StoreFailed: they cannot be read.
         """
         if self._responses is None:
-            ended = list(self._service.store.jobs([state.value for state in FINAL], limit=RESPONSES))
+            ended = list(self._service.store.jobs(JobFilter(state=FINAL), limit=RESPONSES))
             self._responses = {job.id: job_response(job, self._types) for job in reversed(ended)}
         return list(reversed(self._responses.values()))

@@ -23,6 +23,7 @@ from skiros2_gateway.core.keys import keep_of
 from skiros2_gateway.core.problems import Denied, TooMany, Unauthenticated
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.core.settings import Settings
+from skiros2_gateway.core.store import JobFilter
 from skiros2_gateway.opcua.arguments import described, wrong_arguments
 from skiros2_gateway.opcua.identity import cell_name, own_certificate
 from skiros2_gateway.opcua.job_states import JobStates
@@ -258,7 +259,7 @@ class OpcuaServer:
             names = wanted_states(states)
         except SkirosError as error:
             return _status("RequestJobResponseByJobOrderState", error, _objects([]))
-        jobs = self._service.store.jobs(names, limit=RESPONSES)
+        jobs = self._service.store.jobs(JobFilter(state=names), limit=RESPONSES)
         found = _objects([job_response(job, self._model.types) for job in jobs])
         return [found, _status_variant(ReturnStatus.SUCCESS)]
 

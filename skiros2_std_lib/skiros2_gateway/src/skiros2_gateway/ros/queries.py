@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from skiros2_common.core.errors import SkirosError, TimedOut
-from skiros2_gateway.core.problems import Problem, Rejected, TooMany
+from skiros2_gateway.core.problems import Problem, TooMany, WrongQuery
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.ontology_client import table
 from skiros2_world_model.core.query_budget import BudgetUsedUp
@@ -41,7 +41,7 @@ class UserQueries:
     async def ask(self, user: str, text: str) -> dict[str, Any]:
         """Returns `columns` and `rows` of a query.
 
-        :raises Rejected: the query cannot be answered, or is not allowed.
+        :raises WrongQuery: the query cannot be answered, or is not allowed.
         :raises TooMany: the user has two queries running, or has used up the budget.
         """
         with self._lock:
@@ -74,7 +74,7 @@ class UserQueries:
 
 def _problem(error: WmException) -> SkirosError:
     if error.code in (QueryError.code, QueryNotAllowed.code, QueryTooLarge.code):
-        return Rejected([Problem(error.code, "query", str(error))])
+        return WrongQuery([Problem(error.code, "query", str(error))])
     if error.code == BudgetUsedUp.code:
         return TooMany(str(error), _RETRY_AFTER)
     return TimedOut(str(error)) if error.code == TimedOut.code else error

@@ -113,12 +113,12 @@ def measure() -> Iterator[Measurement]:
         yield _ticks(f"tick of {leaves} running leaves, nothing changed", ours.tick, peer.tick, None)
     ours, peer = scene.holding(LARGE, groups_of=3), _peer_tree(LARGE, groups_of=3)
     nodes = sum(1 for _ in ours.nodes()) - 1  # without the root, which the peer has not
-    yield _ticks(f"tick of {nodes} nodes, nothing changed", ours.tick, peer.tick, 0.2)
+    yield _ticks(f"tick of {nodes} nodes, nothing changed", ours.tick, peer.tick, 0.06)
     telling = scene.holding(LARGE, groups_of=3, skill="HoldAndTell")
     yield _ticks(f"tick of {nodes} nodes, each leaf reports progress", telling.tick, peer.tick, None)
-    yield _ticks(f"tick of {nodes} nodes, an element changed", ours.tick, peer.tick, 1.0, scene.change_of_another)
+    yield _ticks(f"tick of {nodes} nodes, an element changed", ours.tick, peer.tick, 0.08, scene.change_of_another)
     counting = scene.holding(LARGE, groups_of=3, counting=True)
-    yield _ticks(f"tick of {nodes} nodes, a parameter changed", counting.tick, peer.tick, 1.0)
+    yield _ticks(f"tick of {nodes} nodes, a parameter changed", counting.tick, peer.tick, 0.08)
     yield paired(
         f"one of {STEPS} skills in a sequence, all in one tick",
         lambda: 1e6 * _seconds_of(_collected(scene.checking(STEPS)).tick, State.Success) / STEPS,

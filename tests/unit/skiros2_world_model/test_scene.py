@@ -213,7 +213,6 @@ class Model:
             back = {(s, p, "-1") for s, p, d in self.relations if d == eid}
             assert seen == out | back
         assert {eid for t in scene.types() for eid in scene.of_type(t)} == set(self.nodes)
-        assert scene.predicates() == {pred for _, pred, _ in self.relations}
         for size in range(4):
             having = {eid for group in scene.of_value("a:size", size) for eid in group}
             assert having == {eid for eid, (_, s) in self.nodes.items() if s == size}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -250,6 +250,34 @@ def _property(key: str, content: Any) -> Property:
     prop = Property(key, kind)
     prop.assign([tuple(value) for value in content["values"]] if kind is tuple else content["values"])
     return prop
+
+
+class RecentChanges:
+    """The ids of the elements that have changed, in this order. One thread at a time adds; any thread reads."""
+
+    #: The number of ids that are kept at least.
+    KEPT = 2000
+
+    def __init__(self) -> None:
+        self._known: tuple[int, list[str]] = 0, []  # how many were dropped, and the others
+
+    @property
+    def count(self) -> int:
+        """The number of ids so far."""
+        dropped, ids = self._known
+        return dropped + len(ids)
+
+    def add(self, changed: Collection[str]) -> None:
+        """Adds the ids of a change, after it can be read."""
+        dropped, ids = self._known
+        ids.extend(changed)
+        if len(ids) > 2 * self.KEPT:
+            self._known = dropped + len(ids) - self.KEPT, ids[-self.KEPT :]
+
+    def since(self, count: int) -> list[str] | None:
+        """The ids after the first `count` ones; None if some of them were dropped."""
+        dropped, ids = self._known
+        return ids[count - dropped :] if count >= dropped else None
 
 
 def patched(current: ElementRecord, before: ElementRecord, after: ElementRecord) -> ElementRecord:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from types import FunctionType
 from typing import TYPE_CHECKING, Protocol
 
-from skiros2_common.core.changeset import ChangeInfo
+from skiros2_common.core.changeset import ChangeInfo, RecentChanges
 from skiros2_common.core.element_content import RelationDict
 from skiros2_common.core.operations import SCENE, Change, CleanupAction, Operation, Outcome
 from skiros2_common.core.params import ParamHandler
@@ -178,7 +178,9 @@ class Revisions:
     :param ontology: a different object after each change of the ontologies.
     :param element: returns for an element id a different object after each change of the element or its relations, in
         both directions; None when the element does not exist.
+    :param recent: which of them have changed; a different object when all may have.
     """
 
     ontology: object
     element: Callable[[str], Revision | None]
+    recent: RecentChanges

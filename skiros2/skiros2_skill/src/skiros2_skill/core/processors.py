@@ -15,6 +15,7 @@ from skiros2_common.core.errors import WrongValue
 
 _Visitor = TypeVar("_Visitor")
 _AnyVisitor = TypeVar("_AnyVisitor", contravariant=True)
+_Node = TypeVar("_Node")
 
 _SUCCESS: State = State.Success
 _FAILURE: State = State.Failure
@@ -42,6 +43,12 @@ class Processor:
 
     symbol = ""
 
+    def __init_subclass__(cls) -> None:
+        """A processor with a `processChildren` of its own is asked at each tick, unless it has `next_visits` too."""
+        super().__init_subclass__()
+        if "processChildren" in vars(cls) and "next_visits" not in vars(cls):
+            cls.next_visits = Processor.next_visits  # type: ignore[method-assign]
+
     def printType(self) -> str:
         """The symbol of the processor in a printed tree."""
         return self.symbol
@@ -52,6 +59,11 @@ class Processor:
     def processChildren(self, children: Children[TreeNode[_Visitor]], visitor: _Visitor) -> State:
         """Ticks the children once. Returns the resulting state of the node."""
         raise NotImplementedError(f"{self.__class__.__name__} has to define processChildren")
+
+    def next_visits(self, children: Children[_Node]) -> Children[_Node] | None:
+        """The children that the next tick visits, in this order, if it does nothing else as long as all of them are
+        Running; None if it does."""
+        return None
 
     def fresh(self) -> Self:
         """A copy in its initial state, for another node."""
@@ -125,6 +137,9 @@ class _InOrderStar(Processor):
             self._index += 1
         return self._continue_on
 
+    def next_visits(self, children: Children[_Node]) -> Children[_Node] | None:
+        return children[self._index : self._index + 1]
+
 
 class SerialStar(_InOrderStar):
     """Ticks the children in order until one is not Success; resumes at the running child."""
@@ -181,6 +196,9 @@ class ParallelFf(_Parallel):
                 succeeded.add(index)
         return _RUNNING if is_running or len(succeeded) != len(children) else _SUCCESS
 
+    def next_visits(self, children: Children[_Node]) -> Children[_Node] | None:
+        return [child for index, child in enumerate(children) if index not in self._succeeded]
+
 
 class ParallelFs(_Parallel):
     """Ticks all children. Ends with the state of the first child that ends and preempts the others."""
@@ -194,6 +212,9 @@ class ParallelFs(_Parallel):
                 self.stopAll(children, visitor)
                 return state
         return _RUNNING if children else _SUCCESS
+
+    def next_visits(self, children: Children[_Node]) -> Children[_Node] | None:
+        return children
 
 
 class _Decorator(Processor):
@@ -225,6 +246,9 @@ class NoFail(_Decorator):
         state = self._processor.processChildren(children, visitor)
         return State.Success if state is State.Failure else state
 
+    def next_visits(self, children: Children[_Node]) -> Children[_Node] | None:
+        return self._processor.next_visits(children)
+
 
 class _Repeat(_Decorator):
     """Restarts the children while they end with `_repeat_on`, at most `times` times; Running in between."""
@@ -252,6 +276,9 @@ class _Repeat(_Decorator):
         _preempt_running(children, visitor)
         self._processor.reset()
         return _RUNNING
+
+    def next_visits(self, children: Children[_Node]) -> Children[_Node] | None:
+        return self._processor.next_visits(children)
 
 
 class RetryOnFail(_Repeat):

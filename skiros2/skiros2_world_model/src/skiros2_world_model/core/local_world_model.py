@@ -49,7 +49,7 @@ class LocalTransport:
 
     def revisions(self) -> Revisions:
         with self._model.lock:
-            return Revisions(self.ontology, self._model.scene().record_lookup)
+            return self._model.scene().revisions(self.ontology)
 
     def catch_up(self) -> None:
         """No effect: reads have every change."""

@@ -48,7 +48,7 @@ class ReplicaTransport:
     def revisions(self) -> Revisions:
         ontology = self.ontology
         self.replica.refresh()
-        return Revisions(ontology, self.replica.scene().record_lookup)
+        return self.replica.scene().revisions(ontology)
 
     def catch_up(self) -> None:
         self.replica.reach(self.remote.snapshot_id)

@@ -7,14 +7,15 @@ replicas use the same class.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from sys import intern
 
-from skiros2_common.core.changeset import ChangeInfo, ChangeSet, ElementRecord, Relation
+from skiros2_common.core.changeset import ChangeInfo, ChangeSet, ElementRecord, RecentChanges, Relation
 from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_common.core.world_model_port import Revisions
 from skiros2_world_model.core.indexes import IdIndex, IdNumbers, PropertyPool, ValueIndex
 
 __all__ = ["ROOT", "ChangeInfo", "ElementRecord", "Scene"]
@@ -40,6 +41,7 @@ class Scene:
     def __init__(self) -> None:
         #: Changes that a graph sync has not written yet; None: no graph sync, or it must write the whole scene.
         self.unsynced: ChangeSet | None = None
+        self.recent = RecentChanges()
         self._records: dict[str, ElementRecord] = {}
         self._out: dict[str, IdIndex] = {}  # by predicate: the objects of each subject
         self._in: dict[str, IdIndex] = {}  # by predicate: the subjects of each object
@@ -66,10 +68,9 @@ class Scene:
     def record(self, eid: str) -> ElementRecord | None:
         return self._records.get(eid)
 
-    @property
-    def record_lookup(self) -> Callable[[str], ElementRecord | None]:
-        """`record` as a bound dictionary lookup, without the call overhead. Safe without the lock."""
-        return self._records.get
+    def revisions(self, ontology: object) -> Revisions:
+        """The revisions of its elements, and of these ontologies. They are used without the lock."""
+        return Revisions(ontology, self._records.get, self.recent)
 
     def element(self, eid: str) -> Element | None:
         """Returns a copy-on-write element, or None when there is none of that id."""
@@ -166,10 +167,6 @@ class Scene:
         index = self._out.get(pred)
         return index is not None and index.has(src, dst)
 
-    def predicates(self) -> set[str]:
-        """The predicates of all relations."""
-        return set(self._out)
-
     def targets(self, src: str, pred: str) -> Collection[str]:
         """The objects of an element's relations with a predicate; subproperties do not count."""
         index = self._out.get(pred)
@@ -241,6 +238,7 @@ class Scene:
         changes, self._changes = self._changes, None
         if changes is not None:
             apply(changes.inverse(), self)
+            self.recent.add(changes.ids())  # other threads may have looked up what was undone
 
     @contextmanager
     def nested(self) -> Iterator[ChangeSet]:
@@ -270,6 +268,7 @@ class Scene:
                 new = self._records[eid] = ElementRecord(eid, old.type, old.label, old.properties, change_info)
                 if eid in changes.records:
                     changes.records[eid] = (changes.records[eid][0], new)
+        self.recent.add(changes.ids())
         return changes
 
     def set_change_info(self, change_info: ChangeInfo) -> None:

@@ -21,8 +21,9 @@ from skiros2_skill.core.engine.final_failures import FinalFailures, is_active
 from skiros2_skill.core.engine.hook_guard import HookAbandoned, HungHook
 from skiros2_skill.core.engine.hooks import RAISED, Hooks
 from skiros2_skill.core.engine.parameters import Parameters
+from skiros2_skill.core.engine.running_nodes import process_children, tick_root
 from skiros2_skill.core.engine.selection import select
-from skiros2_skill.core.engine.skill_run import Node, Progress, SkillNode, SkillRun
+from skiros2_skill.core.engine.skill_run import Node, Progress, SkillNode, SkillRun, TickList
 
 log = logging.getLogger(__name__)
 
@@ -57,15 +58,16 @@ class Executor:
         self.hooks = Hooks(self.failures, self.breakpoints, wmi)
         self.guard = self.hooks.guard
         self.parameters = Parameters(wmi, self.guard, wake, self.hooks.evidence)
-        #: Whether the task was preempted and its nodes are not preempted yet.
-        self.blocks_starts = False
-        #: Whether a state or progress has changed; the reader resets it.
-        self.changed = True
+        self.blocks_starts = False  # whether the task was preempted and its nodes are not preempted yet
+        self.changed = True  # whether a state or progress has changed; the reader resets it
+        self.ticked: dict[Node, State] = {}  # see `RunningNodes`
+        self.running_nodes: TickList | None = None  # below the root
+        self.state_changes = 0
 
     def tick(self, root: Node) -> State:
         """Ticks a tree once, and the nodes that are still ending. Returns the state of the tree."""
         if self._root is not root:
-            self._root = root
+            self._root, self.running_nodes = root, None
             self.parameters.blackboard = Blackboard(root.own_blackboard)
         self.parameters.update_revision()
         for run in list(self.ending):
@@ -74,7 +76,7 @@ class Executor:
         if state is not _SUCCESS and state is not _FAILURE:
             if state is not _RUNNING:
                 self.final = FinalFailures()
-            state = root.visit(self)
+            state = tick_root(root, self)
         if self.breakpoints and state is _RUNNING and not self.ending:
             self.breakpoints.raise_if_reached()
         if self.final and state is not _FAILURE and not self.ending and not is_active(self.runs):
@@ -220,7 +222,7 @@ class Executor:
 
     def _tick_children(self, run: SkillRun) -> State:
         try:
-            state = run.node.processor.processChildren(run.node.children, self)
+            state = process_children(run.node, run, self)
         except (HookAbandoned, BreakpointReached):
             raise
         except FOREIGN_ERRORS as error:  # raised by a library's own processor or node class
@@ -276,10 +278,8 @@ class Executor:
         self.hooks.free(run)
         del self.runs[run.node]
         self._set_states(run, state)
-        if run.implementation.is_compound:
-            run.end_use()  # the subtree still belongs to this instance
-        else:
-            run.release()
+        # The subtree of a compound still belongs to its instance.
+        (run.end_use if run.implementation.is_compound else run.release)()
         if self.breakpoints:
             self.breakpoints.after_end(run.node)
         self.parameters.update_revision()
@@ -328,6 +328,7 @@ class Executor:
     def set_state(self, node: Node, state: State) -> None:
         node._setState(state)
         self.changed = True
+        self.state_changes += 1
 
     def _set_states(self, run: SkillRun, state: State) -> None:
         """Sets the state of a run and of its instance."""

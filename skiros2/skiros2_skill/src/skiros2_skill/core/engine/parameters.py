@@ -83,15 +83,18 @@ class DependencyIndex:
         for key in keys:
             _has_last(self._of_key, key, run)
 
-    def mark_changed(self, revision: Callable[[str], object]) -> None:
+    def mark_changed(self, ids: Iterable[str], revision: Callable[[str], object]) -> None:
         """Marks the runs that read elements that have changed since the last call.
 
+        :param ids: of the elements that may have changed.
         :param revision: returns the present revision of an element.
         """
-        changed = [eid for eid, seen in self._revisions.items() if revision(eid) is not seen]
-        for eid in changed:
-            self._revisions[eid] = revision(eid)  # before the runs read it
-            _mark(self._of_element[eid])
+        for eid in ids:
+            if eid not in self._revisions:
+                continue
+            seen, self._revisions[eid] = self._revisions[eid], revision(eid)  # before the runs read it
+            if self._revisions[eid] is not seen:
+                _mark(self._of_element[eid])
         _mark(self._of_anything)
 
     def mark_keys(self, keys: Iterable[str]) -> None:
@@ -152,6 +155,7 @@ class Parameters:
         #: Whether the world model has changed and the runs that read the changed elements are not marked yet.
         self.world_changed = True
         self._revisions: Revisions | None = None
+        self._seen = 0  # how many recent changes the runs are marked for
         self._dependencies = DependencyIndex()
         self._logged: weakref.WeakSet[Element] = weakref.WeakSet()  # elements with unwritten changes that were logged
 
@@ -276,12 +280,20 @@ class Parameters:
         if self.world_changed and self._wmi is not None:
             revisions = self.guard.call(run, _REFRESH, self._wmi.revisions)
             known, self._revisions = self._revisions, revisions
-            if revisions is None or known is None or revisions.ontology is not known.ontology:
+            changed = self._changed_since(known, revisions) if revisions is not None else None
+            if changed is None or revisions is None:
                 self._dependencies.mark_all()
             else:
-                self._dependencies.mark_changed(revisions.element)
+                self._dependencies.mark_changed(changed, revisions.element)
         self.world_changed = False
         return self._revisions
+
+    def _changed_since(self, known: Revisions | None, revisions: Revisions) -> list[str] | None:
+        """The elements that may have changed since the last revisions; None: any of them, or the ontologies."""
+        recent, seen = revisions.recent, self._seen
+        changed = recent.since(seen) if known is not None and recent is known.recent else None
+        self._seen = recent.count if changed is None else seen + len(changed)
+        return changed if known is not None and revisions.ontology is known.ontology else None
 
     def _refresh_elements(self, run: SkillRun, revisions: Revisions | None) -> list[str]:
         return self.guard.call(run, _REFRESH, refresh_elements, run.element_slots, self._wmi, revisions)
@@ -336,7 +348,7 @@ class Parameters:
             self.evidence.push(run, keys, self.blackboard.values)
         if keys:
             self._dependencies.mark_keys(keys)
-        run.exposed = [slot.param for slot in run.slots if slot.param.shared_snapshot is not None]
+        run.exposed = [slot.param for slot in run.slots if slot.param.shared_snapshot is not None] or ()
 
     def log_unwritten(self, run: SkillRun) -> None:
         """Logs elements that a skill has changed in place: such changes are not written."""

@@ -37,6 +37,10 @@ class Visitor(Protocol):
     """The visitor that ticks a tree: the executor of a task."""
 
     changed: bool
+    #: How often the state of a node was set.
+    state_changes: int
+    #: The states of nodes that this tick has ticked already, and does not visit again. See `RunningNodes`.
+    ticked: dict[Node, State]
 
     @property
     def parameters(self) -> Freshness: ...
@@ -56,6 +60,25 @@ class Visitor(Protocol):
 
     def set_state(self, node: Node, state: State) -> None:
         """Sets the state of a node."""
+
+
+class TickList(Protocol):
+    """A list of running nodes."""
+
+    @property
+    def is_current(self) -> bool: ...
+    def tick(self, visitor: Visitor) -> State:
+        """Ticks the nodes once. Returns the state of the processor above them."""
+
+
+class StructureListener(Protocol):
+    """The list of running nodes that a group is part of."""
+
+    def discard(self) -> None:
+        """The group has another processor, state or fewer children."""
+
+    def grow(self) -> None:
+        """The group has another child."""
 
 
 class Node(TreeNode[Visitor], Protocol):
@@ -86,6 +109,13 @@ class Node(TreeNode[Visitor], Protocol):
     @property
     def own_blackboard(self) -> ParamHandler:
         """Stores the blackboard when the node is the root."""
+
+    @property
+    def has_plain_visit(self) -> bool:
+        """Whether `visit` is that of this package, not of a library's own node class."""
+
+    def report_structure_to(self, running: StructureListener) -> None:
+        """Reports changes of the processor, the children and the state of a group from now on."""
 
     def declared_params(self) -> Mapping[str, Param]: ...
     @property
@@ -138,17 +168,31 @@ class Progress(NamedTuple):
     time: float = 0.0
 
 
-class SkillRun:
+class FastPath:
+    """What a tick of a running primitive reads: together, so that it is one line of the processor's cache."""
+
+    __slots__ = ("exposed", "instance", "progressed_at", "skips_refresh")
+
+    #: The parameters whose list of values the skill's code has got.
+    exposed: Sequence[Param]
+    instance: Any
+    #: When the instance had reported progress at the last `has_progressed` (s, monotonic).
+    progressed_at: float
+    #: Of a running primitive: whether nothing has to be done before its next `execute`.
+    skips_refresh: bool
+
+
+class SkillRun(FastPath):
     """One start of a skill's implementation in a node. For the thread that ticks the task; any thread may read.
 
     `claim` gives it an instance; a start that no implementation fits ends without one.
     """
 
     __slots__ = (
-        "_is_counted", "_reported", "_started_at", "element_slots", "evaluated", "exposed", "failure_kind",
-        "failure_progress", "has_started", "hold_conditions", "implementation", "input_values", "instance",
+        "_is_counted", "_reported", "_started_at", "element_slots", "evaluated", "failure_kind",
+        "failure_progress", "has_started", "hold_conditions", "implementation", "input_values",
         "is_abandoned", "is_described", "is_expanded", "keys", "label", "locks", "node", "options", "params",
-        "post_conditions", "pre_conditions", "progressed_at", "reads", "skips_refresh", "slots", "stale", "state",
+        "post_conditions", "pre_conditions", "reads", "running_nodes", "slots", "stale", "state",
         "volatile", "watches",
     )  # fmt: skip
 
@@ -161,7 +205,7 @@ class SkillRun:
 
     def __init__(self, node: SkillNode) -> None:
         self.node = node
-        self.instance: Any = None
+        self.instance = None
         self.state = node.state
         #: Of the implementation; before one is claimed, as in `is_described`.
         self.label = node.label
@@ -186,12 +230,12 @@ class SkillRun:
         self.volatile = False
         #: Whether the parameters have to be refreshed before the next `execute`.
         self.stale = True
-        #: Of a running primitive: whether nothing has to be done before its next `execute`.
+        #: Of a running compound: what it ticks, if that is known.
+        self.running_nodes: TickList | None = None
         self.skips_refresh = False
         #: The ids and blackboard keys that it reads; None: not known. See `DependencyIndex`.
         self.reads: tuple[tuple[str, ...], tuple[str, ...]] | None = None
-        #: The parameters whose list of values the skill's code has got.
-        self.exposed: list[Param] = []
+        self.exposed = ()
         #: End what hold-conditions watch outside the world model.
         self.watches: list[Callable[[], None]] = []
         #: The last evaluation of its conditions, by stage.
@@ -204,7 +248,6 @@ class SkillRun:
         self.is_abandoned = False
         self._started_at = time.monotonic()
         self._reported = Progress()  # without an instance
-        #: When the instance had reported progress at the last `has_progressed` (s, monotonic).
         self.progressed_at = 0.0
 
     # -- the instance ------------------------------------------------------------------------------------------

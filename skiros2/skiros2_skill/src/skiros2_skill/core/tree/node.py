@@ -12,7 +12,7 @@ from skiros2_common.core.errors import Refused, WrongValue
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.executor import Executor
-from skiros2_skill.core.engine.skill_run import Node, SkillRun, Visitor
+from skiros2_skill.core.engine.skill_run import Node, SkillRun, StructureListener, Visitor
 from skiros2_skill.core.processors import Processor, Sequential
 from skiros2_skill.core.protocols import Library
 
@@ -106,6 +106,7 @@ class SkillInterface(NodeParams):
     #: The present or last run of a skill; None before the first start, and for a group.
     run: SkillRun | None = None
     _executor: Executor | None = None  # of a node that is ticked without a task
+    _listener: StructureListener | None = None
 
     def __init__(self, children_processor: Processor = Sequential()) -> None:  # noqa: B008 - the contract's default
         super().__init__()
@@ -151,6 +152,8 @@ class SkillInterface(NodeParams):
         p._parent = self
         p.child_index = len(self._children)
         self._children.append(p)
+        if self._listener is not None:
+            self._listener.grow()
         if latch:
             self._latched = p
         return self
@@ -176,6 +179,7 @@ class SkillInterface(NodeParams):
             raise Refused(f"{child.printState()} cannot be taken out of the tree while it runs")
         self._children.pop()
         child._parent = None
+        self._restructured()
         if self._latched is child:
             self._latched = None
         return child
@@ -210,6 +214,18 @@ class SkillInterface(NodeParams):
         copy.suggested_values = dict(self.suggested_values)
         copy.own_pre_conditions = [c.copy() for c in self.own_pre_conditions]
 
+    def report_structure_to(self, running: StructureListener) -> None:
+        """Reports changes of the processor, the children and the state from now on."""
+        self._listener = running
+
+    def _restructured(self) -> None:
+        if self._listener is not None:
+            self._listener.discard()
+
+    def _setState(self, state: State) -> None:
+        self._restructured()
+        super()._setState(state)
+
     # -- processor ---------------------------------------------------------------------------------------------
 
     @property
@@ -219,6 +235,7 @@ class SkillInterface(NodeParams):
     def setProcessor(self, processor_type: Processor) -> None:
         """Replaces the processor by a copy of this one."""
         self._processor = processor_type.fresh()
+        self._restructured()
 
     def processChildren(self, visitor: Visitor) -> State:
         """One tick of the children."""
@@ -327,12 +344,19 @@ class SkillInterface(NodeParams):
 
         :param visitor: the executor.
         """
+        if visitor.ticked and self in visitor.ticked:
+            return visitor.ticked.pop(self)
         if self._state is not _RUNNING:
             return visitor.execute(self)
         state = self._processor.processChildren(self._children, visitor)
         if state is not _RUNNING:
             visitor.set_state(self, state)
         return state
+
+    @property
+    def has_plain_visit(self) -> bool:
+        """Whether `visit` is that of the platform, not of a library's own node class."""
+        return type(self).visit is SkillInterface.visit
 
     @property
     def may_retry(self) -> bool:

@@ -279,6 +279,8 @@ class SkillWrapper(DescribedNode):
 
         :param visitor: the executor.
         """
+        if visitor.ticked and self in visitor.ticked:
+            return visitor.ticked.pop(self)
         run, parameters = self.run, visitor.parameters
         if run is None or not run.skips_refresh or parameters.world_changed:
             return visitor.execute_skill(self)
@@ -304,6 +306,10 @@ class SkillWrapper(DescribedNode):
             run.progressed_at = instance.progressed_at
             visitor.changed = True
         return _RUNNING
+
+    @property
+    def has_plain_visit(self) -> bool:
+        return type(self).visit is SkillWrapper.visit
 
     @property
     def may_retry(self) -> bool:

@@ -221,3 +221,27 @@ def test_arm_that_is_hit_at_the_limit_rests_within_a_fifth_of_a_second(
     assert speed(arm) < 0.03
     arm.world.step(300)
     assert speed(arm) < 0.03, "it does not swing back"
+
+
+def test_arm_that_stopped_for_its_sensor_is_held_by_its_motors(arm: MovedRobot) -> None:
+    arm.world.faults.set("nan_sensor", ARM, 3.0)
+    arm.world.step(250)
+    before = arm.controller.tool_pose()
+    arm.world.push(GRIPPER, (20.0, 0.0, 0.0), duration=0.3)
+    arm.world.step(300)
+    assert distances(arm.controller.tool_pose(), before)[0] < 0.0005, "it does not yield"
+    arm.world.faults.clear("nan_sensor", ARM)
+    arm.controller.set_limits(LIMIT, 10.0)
+    arm.world.push(GRIPPER, (20.0, 0.0, 0.0), duration=0.3)
+    arm.world.step(300)
+    assert distances(arm.controller.tool_pose(), before)[0] > 0.005, "it is compliant again"
+
+
+def test_arm_that_stopped_at_a_limit_yields(arm: MovedRobot) -> None:
+    arm.world.push(GRIPPER, (45.0, 0.0, 0.0), duration=0.1)
+    arm.world.step(400)
+    assert arm.controller.stop is not None
+    before = arm.controller.tool_pose()
+    arm.world.push(GRIPPER, (20.0, 0.0, 0.0), duration=0.3)
+    arm.world.step(300)
+    assert distances(arm.controller.tool_pose(), before)[0] > 0.005

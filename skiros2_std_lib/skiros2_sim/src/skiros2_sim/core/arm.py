@@ -57,7 +57,8 @@ class Arm:
         self.tool_link = links[model.tool]
         self._physics = physics
         self._indices = [joint.index for joint in self.joints]
-        self._efforts = [joint.effort for joint in self.joints]
+        #: Of the joints (Nm, or N).
+        self.max_efforts = [joint.effort for joint in self.joints]
         self._dofs = list(dofs)
         self._columns = [self._dofs.index(index) for index in self._indices]
         #: The links after the last joint: their contacts produce the wrench.
@@ -217,7 +218,7 @@ class Arm:
         wanted = finite(positions, count, f"{self.id}: positions")
         speeds = [0.0] * count if velocities is None else finite(velocities, count, f"{self.id}: velocities")
         self.is_torque_driven = False
-        self._physics.drive_positions(self.body, self._indices, wanted, speeds, self._efforts)
+        self._physics.drive_positions(self.body, self._indices, wanted, speeds, self.max_efforts)
 
     def drive_torques(self, torques: Sequence[float]) -> None:
         """Sets the joint torques (Nm, or N) for the next step, limited by the joints, and releases the position motors.
@@ -229,7 +230,7 @@ class Arm:
             self.is_torque_driven = True
             none = [0.0] * len(self.joints)
             self._physics.drive_velocities(self.body, self._indices, none, none)
-        self._torques = [min(max(t, -e), e) for t, e in zip(wanted, self._efforts, strict=True)]
+        self._torques = [min(max(t, -e), e) for t, e in zip(wanted, self.max_efforts, strict=True)]
         self.keep_torques()
 
     def keep_torques(self) -> None:

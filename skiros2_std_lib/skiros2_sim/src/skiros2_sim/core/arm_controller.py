@@ -82,9 +82,7 @@ class ArmController:
         self.outcome: Outcome | None = None
         self.compliant = False
         #: The law of the compliant controller.
-        self.impedance = Impedance(
-            [joint.effort for joint in arm.joints], (self.kinematics.lower, self.kinematics.upper)
-        )
+        self.impedance = Impedance(arm.max_efforts, (self.kinematics.lower, self.kinematics.upper))
         self.impedance.set_damping_factors(_DAMPING_FACTORS)
         #: The loop for forces; `check_active` comes before a new goal.
         self.force = ForceRegulation(self.impedance)
@@ -333,6 +331,9 @@ class ArmController:
             self._last = state
         except WrongValue as error:
             self._fail(error)
+        if self.stop and self.stop.kind is FailureKind.SENSOR and not self.impedance.is_braking:
+            self._is_held = True  # a contact would push a compliant arm on, and nothing measures how hard
+            self.hold()
 
     def _check_limits(self, dt: float) -> None:
         """Stops if the wrench exceeds a limit in two steps in a row, or its sensor cannot be trusted. A single step is
@@ -366,8 +367,7 @@ class ArmController:
 
     def _state(self) -> ArmState:
         positions, velocities, bias, masses = self.arm.dynamics(self.impedance.needs_masses)
-        if masses is not None:
-            self._masses = np.array(masses)
+        self._masses = self._masses if masses is None else np.array(masses)
         tool, jacobian = self.kinematics.tool_and_jacobian(positions)
         return ArmState(np.array(positions), np.array(velocities), tool, jacobian, self._masses, np.array(bias))
 

@@ -29,13 +29,17 @@ class StandInStepRunner:
         self.on_change: Callable[[], None] = lambda: None
         self.after_effects: Callable[[], None] = lambda: None
         self.started: list[tuple[float, Step]] = []  # with the start time (s, monotonic)
+        self.goals: list[str] = []  # of the started steps
         self.max_parallel = 0  # the largest number of steps that ran at the same time
         self._running: dict[int, tuple[Step, Ended]] = {}
         self._runs: dict[str, int] = {}  # the key of each run, by its id
         self._results: dict[int, tuple[bool, str]] = {}  # of ended steps that nobody followed
 
-    def start(self, step: Step, ended: Ended, run: str = "", began: Began | None = None) -> Callable[[], None]:
+    def start(
+        self, step: Step, ended: Ended, run: str = "", began: Began | None = None, goal: str = ""
+    ) -> Callable[[], None]:
         with self._change:
+            self.goals.append(goal)
             self.started.append((time.monotonic(), step))
             key = len(self.started)
             if began is not None:

@@ -189,7 +189,7 @@ def test_an_actionlib_client_sees_the_states_of_the_protocol(robot, shared):
     client = connected_client(shared)
 
     def end_of(*skills):
-        client.send_goal(msgs.ExecuteSkillsGoal("tests", [s.toMsg() for s in skills]))
+        client.send_goal(msgs.ExecuteSkillsGoal("tests", [s.toMsg() for s in skills], ""))
         wait_until(client.get_result, what="the result")
         return client.get_state(), client.get_goal_status_text()
 
@@ -197,7 +197,7 @@ def test_an_actionlib_client_sees_the_states_of_the_protocol(robot, shared):
     assert end_of(skill(robot, "give_up")) == (GoalStatus.ABORTED, "skiros:Give-give_up(Failure): too heavy")
     assert end_of() == (GoalStatus.REJECTED, "a task needs at least one skill, the list is empty")
 
-    client.send_goal(msgs.ExecuteSkillsGoal("tests", [skill(robot, "stay").toMsg()]))
+    client.send_goal(msgs.ExecuteSkillsGoal("tests", [skill(robot, "stay").toMsg()], ""))
     wait_until(lambda: client.get_state() == GoalStatus.ACTIVE, what="the start")
     client.cancel_goal()
     assert client.wait_for_result(rospy.Duration(30))
@@ -257,7 +257,7 @@ REFUSED = [
 def test_invalid_goals_are_rejected_with_the_reason(robot, shared):
     client = connected_client(shared)
     for skills, named in REFUSED:
-        client.send_goal(msgs.ExecuteSkillsGoal("tests", skills))
+        client.send_goal(msgs.ExecuteSkillsGoal("tests", skills, ""))
         result = wait_until(client.get_result, what="the result")
         assert client.get_state() == GoalStatus.REJECTED
         assert named in result.message
@@ -475,7 +475,7 @@ def test_early_or_unknown_cancellation_has_no_effect(ros, robot):
     wait_until(lambda: cancel.get_num_connections() and goals.get_num_connections(), what="the manager")
     cancel.publish(GoalID(id="nobody's"))
     cancel.publish(GoalID(id="early"))
-    goal = msgs.ExecuteSkillsGoal("tests", [skill(robot, "stay").toMsg()])
+    goal = msgs.ExecuteSkillsGoal("tests", [skill(robot, "stay").toMsg()], "")
     status.wait_for(lambda m: any(s.goal_id.id == "early" for s in m.status_list))
     goals.publish(msgs.ExecuteSkillsActionGoal(goal_id=GoalID(id="early"), goal=goal))
     early = results.wait_for(lambda m: m.status.goal_id.id == "early")

@@ -106,6 +106,39 @@ def test_controller_that_somebody_switches_off_between_two_skills_is_not_taken_b
     assert again.state is State.Success, "the next task takes it"
 
 
+@pytest.mark.parametrize("next_goal", ["goal", "other"])
+def test_controller_that_somebody_switches_off_between_two_steps_of_a_goal_is_not_taken_back(
+    cell: ContactCell, next_goal: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    controller = cell.robot.controller
+    assert step(cell, "goal", monkeypatch).state is State.Success
+    controller.switch("position")
+    second = step(cell, next_goal, monkeypatch)
+    if next_goal == "other":
+        assert second.state is State.Success, second.why
+        return
+    assert not controller.compliant
+    assert (second.cause().label, second.cause().failure_kind) == ("retract_tool", FailureKind.CONTROLLER)
+
+
+def test_stop_between_two_steps_of_a_goal_is_not_cleared(cell: ContactCell, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert step(cell, "goal", monkeypatch).state is State.Success
+    cell.world.push(GRIPPER, (0.0, 0.0, 90.0), duration=0.15)
+    cell.world.step(RATE)
+    assert cell.robot.controller.stop is not None
+    second = step(cell, "goal", monkeypatch)
+    assert (second.cause().label, second.cause().failure_kind) == ("retract_tool", FailureKind.LIMIT)
+    assert step(cell, "goal", monkeypatch).state is State.Success, "a retreat after it"
+
+
+def step(cell: ContactCell, goal: str, patch: pytest.MonkeyPatch) -> Any:
+    """Runs a task that is a step of a goal."""
+    patch.setattr(cell.skills, "goal", goal)
+    task = cell.skills.command("RetractTool", Arm=cell.element, Height=0.01)
+    tick(cell, task, 4.0)
+    return task
+
+
 def test_arm_that_is_hit_retracts_once_and_the_task_fails(cell: ContactCell) -> None:
     task = persistent(cell)
     height = cell.compliant.state().pose.position[2]

@@ -9,6 +9,7 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.explanation import INFERENCE, PARAMETER, PRE
 from skiros2_common.core.params import Param, ParamTypes
+from skiros2_common.core.task_context import current_task
 from skiros2_common.ros.utils import serializeParamMap
 from skiros2_msgs import msg as msgs
 from skiros2_skill.core.runtime.history import History
@@ -16,7 +17,7 @@ from skiros2_skill.core.runtime.request import TaskRefused, TaskStarter
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.ros.messages import param_messages, skill_request, wire_code, wire_text
 from skiros2_world_model.core.wm_errors import WmException
-from unit.skiros2_skill.skills import CONTAINER, OBJECT, Note, contains, describe, primitive
+from unit.skiros2_skill.skills import CONTAINER, OBJECT, Note, Work, contains, describe, primitive
 
 
 @pytest.fixture
@@ -50,6 +51,22 @@ def test_created_task_is_not_started(starter, scheduler, history):
     scheduler.start(task.id)
     assert task.ended.wait(10)
     assert task.state is State.Success
+
+
+def test_tasks_of_one_goal_start_their_skills_in_the_same_context(bench, starter, scheduler):
+    seen = []
+
+    def note(skill):
+        seen.append(current_task())
+        return True
+
+    bench.load(primitive(Work, "work", onStart=note, execute=State.Success))
+    for goal in ("one", "one", "other", "", ""):
+        task = starter.make("tests", [description("Work")], goal)
+        scheduler.start(task.id)
+        assert task.ended.wait(10)
+    assert seen[0] == seen[1]
+    assert len(set(seen)) == 4, "without a goal, each task stands for itself"
 
 
 def test_refused_task_is_recorded_with_the_reason(starter, scheduler, history):

@@ -119,7 +119,12 @@ def test_robots_reach_goal_in_parallel(cell: Make) -> None:
     assert busy.reached
     assert busy.step_runner.max_parallel == 2
     assert {record.state for record in request.execution.started} == {StepState.SUCCEEDED}
+    goals = busy.step_runner.goals
+    assert goals[0] and goals == len(goals) * goals[:1], "all steps have that of one goal"
     assert busy.achieve().end.verdict is Verdict.NOTHING_TO_DO
+    busy.move(busy.world.products[0], busy.world.places[-1], busy.world.places[0])
+    assert busy.achieve().end.verdict is Verdict.PLANNED
+    assert goals[-1] and goals[-1] != goals[0], "another goal has another one"
 
 
 def test_changed_world_causes_replan(cell: Make) -> None:
@@ -195,8 +200,8 @@ def test_cancelled_goal_stops_its_steps_while_the_executor_is_busy(cell: Make) -
     stopped = threading.Event()
     start = busy.step_runner.start
 
-    def start_step(step: Step, ended: Ended, run: str, began: Began) -> Callable[[], None]:
-        stop = start(step, ended, run, began)
+    def start_step(step: Step, ended: Ended, run: str, began: Began, goal: str) -> Callable[[], None]:
+        stop = start(step, ended, run, began, goal)
         return lambda: (stopped.set(), stop())[1]
 
     def hold(_: GoalExecution) -> None:

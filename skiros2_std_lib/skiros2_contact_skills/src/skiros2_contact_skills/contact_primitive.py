@@ -32,7 +32,7 @@ from skiros2_motion.core.impedance import MAX_STIFFNESS
 from skiros2_motion.core.numbers import finite
 from skiros2_motion.core.time_scaling import MAX_PERIOD
 from skiros2_motion.core.wrench_guard import is_finite
-from skiros2_std_skills.core.controller_use import is_left_compliant, leave_compliant
+from skiros2_std_skills.core.controller_use import is_left_compliant, is_left_in_order, leave_compliant
 
 log = logging.getLogger(__name__)
 
@@ -60,6 +60,8 @@ APPARENT_MASS, CONTACT_STIFFNESS = "skiros:ApparentMass", "skiros:ContactStiffne
 #: Time in which the driver has to activate the controller and send a state (s), by the arm's clock, and by the wall
 #: clock, which shows that a simulator has died.
 READY_TIME, READY_WALL_TIME = 5.0, 15.0
+#: Kinds of a stop of the arm.
+_STOPS = (FailureKind.LIMIT, FailureKind.SENSOR, FailureKind.SAFETY)
 
 
 class ContactPrimitive(PrimitiveBase):
@@ -93,11 +95,13 @@ class ContactPrimitive(PrimitiveBase):
         self._waits_since: tuple[float, float] | None = None  # for the arm; None: it is ready
         self._last = self._peak = 0.0
         self._slowed, self._along = "", MAX_STIFFNESS[2]
-        self._begun = self._has_arm = self._resumes = self._was_inactive = False
+        self._begun = self._has_arm = self._resumes = self._was_inactive = self._is_hit = self._succeeded = False
         try:
             self.arm = take_arm(self.wmi, self.element("Robot"), self.element("Arm"), self)
             self._has_arm = True
             self._begin_control()
+            if self._is_hit:
+                return True
             self._axes = [*self._limits_of("MaxForceAxes"), *self._limits_of("MaxTorqueAxes")]
             axes = [self._axes] if any(self._axes) else []  # arms of others may have none
             self.arm.set_wrench_limits(self.limit, self.number("MaxTorque", MAX_TORQUE), *axes)
@@ -107,11 +111,15 @@ class ContactPrimitive(PrimitiveBase):
         return True
 
     def _begin_control(self) -> None:
-        """Activates the controller. If an earlier skill of the task has, it is not taken back from somebody else."""
+        """Activates the controller. If an earlier skill of the task or goal has, it is not taken back from somebody
+        else; a stop since the success of that skill is not cleared."""
         self._task, arm = current_task(), self.element("Arm").id
         self._resumes = isinstance(self.arm, ResumesControl) and is_left_compliant(arm, self._task)
         if self._resumes and isinstance(self.arm, ResumesControl):
-            self.arm.resume()
+            found = self.arm.state() if is_left_in_order(arm) else None
+            self._is_hit = found is not None and found.stopped != "" and found.kind in _STOPS
+            if not self._is_hit:
+                self.arm.resume()
             return
         with suppress(Refused):  # by an earlier request
             state = self.arm.state()
@@ -147,11 +155,14 @@ class ContactPrimitive(PrimitiveBase):
             self.begin(state)
         dt, self._last = min(max(0.0, state.stamp - self._last), MAX_PERIOD), state.stamp
         result = self.move(state, dt)
-        return self._judged(self.progress_msg) if result is State.Success else result
+        if result is State.Success:
+            result = self._judged(self.progress_msg)
+        self._succeeded = result is State.Success
+        return result
 
     def _is_final(self, kind: FailureKind) -> bool:
         """Whether waiting does not end a stop that is found at the start."""
-        return kind is FailureKind.LIMIT or (kind is FailureKind.CONTROLLER and self._resumes)
+        return self._is_hit or kind is FailureKind.LIMIT or (kind is FailureKind.CONTROLLER and self._resumes)
 
     def _wait(self, state: ArmState | None) -> State:
         """Waits until the driver follows commands. Only refused requests are repeated: what has stopped the arm since
@@ -192,8 +203,8 @@ class ContactPrimitive(PrimitiveBase):
             return True
         try:
             self.arm.end()
-            if self._begun:
-                leave_compliant(self.element("Arm").id, self._task)
+            if self._begun or self._is_hit:
+                leave_compliant(self.element("Arm").id, self._task, self._succeeded)
         except SkirosError as error:
             self.fail(f"{self.label_of('Arm')}: {error}", NOT_READY)
             return False

@@ -56,12 +56,14 @@ class TaskRequest:
 
     :param ended: called once at the end with the record and the final parameters, in a ticking thread.
     :param on_progress: called with the progress of this task; see `OnProgress`.
+    :param goal: of which it is a step; "": none.
     """
 
     skills: Sequence[SkillRequest]
     author: str
     ended: Callable[[Record, dict[str, Param]], None]
     on_progress: OnProgress = lambda nodes: None
+    goal: str = ""
 
 
 class LocalRobot:
@@ -117,12 +119,15 @@ class LocalRobot:
         """The records of its ended and refused tasks, oldest first."""
         return self._history.records
 
-    def start(self, skill: str, label: str, params: dict[str, object], ended: Ended, author: str = "") -> int:
+    def start(
+        self, skill: str, label: str, params: dict[str, object], ended: Ended, author: str = "", goal: str = ""
+    ) -> int:
         """Starts a skill. Returns the id of its task. Any thread.
 
         :param skill: its type.
         :param label: of the implementation; "": any.
         :param ended: called once at the end, in a ticking thread.
+        :param goal: of which it is a step; "": none.
         :raises TaskRefused: the request is wrong; the text says why.
         """
         given = {key: Param(key, "", value, ParamTypes.Required) for key, value in params.items()}
@@ -131,14 +136,14 @@ class LocalRobot:
             message = cause_of(record.explanations, record.message) if record.failed else record.message
             ended(not record.failed, message, record.explanations)
 
-        return self.start_task(TaskRequest([SkillRequest(skill, label, given)], author, end))
+        return self.start_task(TaskRequest([SkillRequest(skill, label, given)], author, end, goal=goal))
 
     def start_task(self, request: TaskRequest) -> int:
         """Starts a task. Returns its id. Any thread.
 
         :raises TaskRefused: the request is wrong; the text says why.
         """
-        task = self.starter.make(request.author, request.skills)
+        task = self.starter.make(request.author, request.skills, request.goal)
         with self._lock:
             self._requests[task.id] = request
         self.scheduler.start(task.id)
@@ -344,7 +349,9 @@ class LocalSystem:
         known(False)
         return lambda: None
 
-    def start(self, step: Step, ended: Ended, run: str = "", began: Began | None = None) -> Callable[[], None]:
+    def start(
+        self, step: Step, ended: Ended, run: str = "", began: Began | None = None, goal: str = ""
+    ) -> Callable[[], None]:
         """Starts a step of a plan; see `StepRunner`."""
         call = step.call
         robot = self.robots.get(call.manager) or self.robots.get(f"/{call.manager}")
@@ -352,7 +359,7 @@ class LocalSystem:
             ended(False, f"no robot {call.manager} runs; there are: {', '.join(self.robots) or 'none'}", ())
             return lambda: None
         try:
-            task_id = robot.start(call.type, call.label, dict(call.arguments), ended, "task_manager")
+            task_id = robot.start(call.type, call.label, dict(call.arguments), ended, "task_manager", goal)
         except TaskRefused as refused:
             ended(False, cause_of(refused.record.explanations, str(refused)), refused.record.explanations)
             return lambda: None

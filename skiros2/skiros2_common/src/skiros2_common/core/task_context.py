@@ -1,5 +1,5 @@
-"""The task whose skill starts, for resources that outlive a skill: they tell a later skill of the same task from one of
-another task."""
+"""The task whose skill starts, or the goal of which that task is a step, for resources that outlive a skill: a later
+skill of the same task or goal is known from one of another."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ _current: ContextVar[object] = ContextVar("task", default=None)
 
 
 def current_task() -> object:
-    """Returns an object that stands for the task whose skill's `onStart` this thread calls; None outside of one."""
+    """Returns what stands for the task whose skill's `onStart` this thread calls, equal for the tasks of one goal; None
+    outside of one."""
     return _current.get()
 
 

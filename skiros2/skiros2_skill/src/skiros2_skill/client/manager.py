@@ -137,14 +137,17 @@ class ManagerClient:
         skills: Sequence[Step | SkillHolder],
         monitor_cb: Callable[[Any], None] | None = None,
         goal_id: str = "",
+        goal: str = "",
     ) -> SkillGoal:
         """Runs skills in sequence as a new task. Returns a handle to wait for or cancel it.
 
         :param monitor_cb: called, in a thread of ROS, with each `ExecuteSkillsFeedback`.
         :param goal_id: with which another process can `attach` to the task; "": a new one.
+        :param goal: of the task manager, of which the skills are a step; "": none.
         :raises TimedOut: the manager does not answer within 5 s.
         """
-        return self._action.run(self.author, [_message(skill) for skill in skills], monitor_cb, goal_id=goal_id)
+        messages = [_message(skill) for skill in skills]
+        return self._action.run(self.author, messages, monitor_cb, goal_id=goal_id, goal=goal)
 
     def attach(self, goal_id: str) -> SkillGoal:
         """Follows a task that another process has started; see `SkillGoal.wait_until_known`.

@@ -227,6 +227,7 @@ class SkillRunner:
         monitor_cb: Callable[[Any], None] | None = None,
         connect_timeout: float = 5.0,
         goal_id: str = "",
+        goal: str = "",
     ) -> SkillGoal:
         """Sends a goal.
 
@@ -234,17 +235,18 @@ class SkillRunner:
         :param monitor_cb: called, in a thread of ROS, with each `ExecuteSkillsFeedback`.
         :param connect_timeout: s to wait for the manager.
         :param goal_id: with which another process can `attach` to the skills; "": a new one.
+        :param goal: of the task manager, of which the skills are a step; "": none.
         :raises TimedOut: no manager answers.
         """
         chosen = GoalID(rospy.Time.now(), goal_id) if goal_id else None
-        return self._send(msgs.ExecuteSkillsGoal(author, list(skills)), monitor_cb, connect_timeout, chosen)
+        return self._send(msgs.ExecuteSkillsGoal(author, list(skills), goal), monitor_cb, connect_timeout, chosen)
 
     def attach(self, author: str, goal_id: str, connect_timeout: float = 5.0) -> SkillGoal:
         """Follows skills that another process has started; see `SkillGoal.wait_until_known`.
 
         :raises TimedOut: no manager answers.
         """
-        return self._send(msgs.ExecuteSkillsGoal(author, []), None, connect_timeout, GoalID(id=goal_id))
+        return self._send(msgs.ExecuteSkillsGoal(author=author), None, connect_timeout, GoalID(id=goal_id))
 
     def _send(
         self, goal: Any, monitor_cb: Callable[[Any], None] | None, connect_timeout: float, goal_id: GoalID | None

@@ -107,7 +107,7 @@ class ExecuteAction(GoalServer):
     def _begin(self, handle: Any) -> None:
         goal = handle.get_goal()
         try:
-            task = self._starter.make(goal.author, [skill_request(skill) for skill in goal.skills])
+            task = self._starter.make(goal.author, [skill_request(skill) for skill in goal.skills], goal.goal)
         except TaskRefused as refused:
             log.warning("execute by %s refused: %s", goal.author or "unknown", refused)
             result = _result(refused.record, {})

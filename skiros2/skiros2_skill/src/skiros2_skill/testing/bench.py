@@ -52,6 +52,8 @@ class SkillBench:
         self.library = SkillLibrary(self.wmi, log_findings)
         #: The signals of the robot; a test publishes their messages.
         self.signals = LocalSignals()
+        #: The goal of which new tasks are steps; "": none.
+        self.goal = ""
         robots = sorted(self.wmi.resolve_elements(Element("cora:Robot")), key=lambda e: e.getIdNumber())
         self.robot: Element = robot or (robots[0] if robots else self.add("cora:Robot", "skiros:robot"))
 
@@ -170,7 +172,7 @@ class SkillBench:
 
         :param blackboard: values by key.
         """
-        task = BenchTask(self.wmi, self.clock, self.period, self.signals)
+        task = BenchTask(self.wmi, self.clock, self.period, self.signals, self.goal)
         task.root.params.addParam("Robot", self.robot, ParamTypes.Inferred)
         for key, value in blackboard.items():
             task.root.params.addParam(key, value, ParamTypes.Optional)

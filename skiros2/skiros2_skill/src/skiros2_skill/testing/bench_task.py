@@ -147,6 +147,7 @@ class BenchTask(Task):
     :param clock: advances by one period per tick.
     :param period: of the ticks (s).
     :param signals: for hold-conditions on signals; None: no signal is published.
+    :param goal: of which the task is a step; "": none.
     """
 
     def __init__(
@@ -155,8 +156,9 @@ class BenchTask(Task):
         clock: FakeClock | None = None,
         period: float = 0.04,
         signals: SignalSource | None = None,
+        goal: str = "",
     ) -> None:
-        super().__init__(0, wmi, "test", signals=signals)
+        super().__init__(0, wmi, "test", signals=signals, goal=goal)
         self._clock = clock
         self._period = period
         self._threads_before = set(threading.enumerate())

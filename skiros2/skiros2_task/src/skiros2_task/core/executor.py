@@ -282,7 +282,7 @@ class GoalExecutor:
         log.info("%s: %s", execution.name, step)
         run = execution.log.run_of(step.number) if execution.log is not None else ""
         began = partial(self.began, execution, step)
-        execution.stops[step.number] = stop = self._runner.start(step, ended, run, began)
+        execution.stops[step.number] = stop = self._runner.start(step, ended, run, began, execution.key)
         if execution.cancelled.is_set():  # just now
             stop()
 

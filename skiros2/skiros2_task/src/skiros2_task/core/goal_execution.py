@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
+from uuid import uuid4
 
 from skiros2_common.core.explanation import Explanation
 from skiros2_task.core.commands import End
@@ -29,12 +30,15 @@ Began = Callable[[int], None]
 class StepRunner(Protocol):
     """Runs steps on robots."""
 
-    def start(self, step: Step, ended: Ended, run: str = "", began: Began | None = None) -> Callable[[], None]:
+    def start(
+        self, step: Step, ended: Ended, run: str = "", began: Began | None = None, goal: str = ""
+    ) -> Callable[[], None]:
         """Starts a step without blocking. Returns a function that stops it.
 
         :param ended: called once, also after a stop.
         :param run: the id of the run, for `attach`; "": any.
         :param began: called at most once.
+        :param goal: stands for the goal, the same for all its steps and for no other goal; "": unknown.
         """
 
     def attach(
@@ -90,6 +94,11 @@ class GoalExecution:
     reading: bool = False
     next_read: float = 0.0
     log: ExecutionLog | None = None
+    #: Stands for the goal on skill managers: no other goal has it, and it is kept over a restart if the goal is stored.
+    key: str = ""
+
+    def __post_init__(self) -> None:
+        self.key = self.key or self.goal.id or uuid4().hex
 
     @property
     def started(self) -> list[StepRecord]:

@@ -73,9 +73,11 @@ class ManagerStepRunner(SkillLayerInterface):
             self._absent |= missing()
         return {name: _robot_of(name) for name in self.agents}
 
-    def start(self, step: Step, ended: Ended, run: str = "", began: Began | None = None) -> Callable[[], None]:
+    def start(
+        self, step: Step, ended: Ended, run: str = "", began: Began | None = None, goal: str = ""
+    ) -> Callable[[], None]:
         """Runs a step in a new thread; see `StepRunner`."""
-        started = _StepRun(step, ended, run, began)
+        started = _StepRun(step, ended, run, began, goal)
         threading.Thread(target=self._run, args=(started,), name=f"step {step.number}", daemon=True).start()
         return started.stop
 
@@ -166,11 +168,11 @@ def _robot_of(manager: str) -> str:
 class _StepRun:
     """A run of a step on a manager. `stop` may be called by any thread, also before the run."""
 
-    def __init__(self, step: Step, ended: Ended, goal_id: str, began: Began | None) -> None:
+    def __init__(self, step: Step, ended: Ended, goal_id: str, began: Began | None, goal: str = "") -> None:
         self.step = step
         self.ended = ended
         self._began = began
-        self._goal_id = goal_id
+        self._goal_id, self._goal = goal_id, goal
         self._lock = threading.Lock()
         self._run: SkillGoal | None = None
         self._stopped = False
@@ -192,7 +194,8 @@ class _StepRun:
         with self._lock:
             if self._stopped:
                 raise Refused("stopped before it was started")
-        self._set(manager.run([skill], lambda feedback: self._report(feedback.task_id), goal_id=self._goal_id))
+        note = lambda feedback: self._report(feedback.task_id)  # noqa: E731
+        self._set(manager.run([skill], note, goal_id=self._goal_id, goal=self._goal))
         return time.monotonic() - started if self.follow(manager, is_alive) else None
 
     def attach(self, manager: SkillManagerInterface) -> bool:

@@ -61,7 +61,8 @@ class Hooks:
         self._failures, self._breakpoints, self._wmi = failures, breakpoints, wmi
         self.evidence = Evidence()
         self.guard: HookGuard[SkillRun] = HookGuard()
-        self._task = object()  # stands for the task
+        #: Stands for the task, or for the goal of which it is a step.
+        self.task: object = object()
 
     def fail(self, run: SkillRun, failure: Failure) -> None:
         """Sets the progress and the kind of a failed run and records the failure."""
@@ -125,7 +126,7 @@ class Hooks:
 
     def on_start(self, run: SkillRun) -> Any:
         """Expands the subtree and calls `onStart`. Returns the refusal, "" for none; `RAISED` when it raises."""
-        with starting_in(self._task):
+        with starting_in(self.task):
             refused = self.call(run, "onStart", lambda: refusal_text(run.start()), START_RAISED)
         if refused and refused is not RAISED:
             set_failure_reason(run, f"{run.label}: onStart returned {refused}", PRE_FAILED)

@@ -316,9 +316,10 @@ class TaskStarter:
         self._history = history
         self._robot = robot
 
-    def make(self, author: str, requests: Sequence[SkillRequest]) -> Task:
+    def make(self, author: str, requests: Sequence[SkillRequest], goal: str = "") -> Task:
         """Creates a task that runs skills in sequence. The scheduler has it, not started.
 
+        :param goal: of which it is a step; "": none.
         :raises TaskRefused: the request is wrong; the history has the record.
         """
         explanation = None
@@ -326,7 +327,7 @@ class TaskStarter:
         try:
             self._wmi.catch_up()  # the client may have changed the world model just before
             try:
-                return self._make(author, requests)
+                return self._make(author, requests, goal)
             except RobotStopped as stopped:
                 code = stopped.CODE
                 raise
@@ -368,11 +369,11 @@ class TaskStarter:
         self._history.refuse(record, task)
         return TaskRefused(record)
 
-    def _make(self, author: str, requests: Sequence[SkillRequest]) -> Task:
+    def _make(self, author: str, requests: Sequence[SkillRequest], goal: str) -> Task:
         nodes = make_nodes(requests, self.library, self._wmi)
         self._check_stop(nodes)
         robot = self._robot()
-        task = self._scheduler.new_task(self._wmi, author)
+        task = self._scheduler.new_task(self._wmi, author, goal)
         try:
             task.allowed_when_stopped = _allowed_when_stopped(nodes)
             _fill(task.root, robot, nodes)

@@ -66,9 +66,10 @@ class Scheduler:
 
     # -- tasks, from any thread --------------------------------------------------------------------------------
 
-    def new_task(self, wmi: WorldModelPort, author: str) -> Task:
+    def new_task(self, wmi: WorldModelPort, author: str, goal: str = "") -> Task:
         """Creates a task with a unique id. It is not ticked before `start`.
 
+        :param goal: of which it is a step; "": none.
         :raises Refused: the manager is shutting down.
         """
         with self._lock:
@@ -76,7 +77,7 @@ class Scheduler:
                 raise Refused("the manager is shutting down")
             while self._next_id in self._scheduled:
                 self._next_id = (self._next_id + 1) % (MAX_ID + 1)
-            task = Task(self._next_id, wmi, author, self.breakpoints, self._signals)
+            task = Task(self._next_id, wmi, author, self.breakpoints, self._signals, goal)
             task.waker = lambda: self._wake(task)
             task.evidence.is_on = self._collects_evidence()
             task.pause()

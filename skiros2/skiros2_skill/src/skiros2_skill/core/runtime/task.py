@@ -71,11 +71,12 @@ class Task:
     :param author: the client that has started the task.
     :param breakpoints: pause the task.
     :param signals: for hold-conditions on signals; None: no signal is published.
+    :param goal: of which the task is a step; "": none.
     """
 
     def __init__(
         self, task_id: int, wmi: WorldModelPort, author: str = "", breakpoints: Breakpoints | None = None,
-        signals: SignalSource | None = None,
+        signals: SignalSource | None = None, goal: str = "",
     ) -> None:  # fmt: skip
         self.id = task_id
         self.author = author
@@ -83,6 +84,7 @@ class Task:
         self.root._id = task_id
         self._wmi = wmi
         self._executor = Executor(wmi, self.wake, breakpoints)
+        self._executor.hooks.task = goal or self._executor.hooks.task
         self._executor.parameters.signals = signals or self._executor.parameters.signals
         self._paused = threading.Event()
         self._step_budget: _StepBudget | None = None

@@ -39,7 +39,7 @@ import logging
 from collections.abc import AsyncIterator, Sequence
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Body, FastAPI, Query, Request, Response
+from fastapi import APIRouter, FastAPI, Query, Request, Response
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, ConfigDict
 
@@ -100,6 +100,9 @@ class Comment(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
     comment: str = ""
+
+
+_NO_COMMENT = Comment()
 
 
 class RobotNames(BaseModel):
@@ -247,13 +250,13 @@ async def update_job(caller: CallerArg, service: ServiceArg, job_id: str, body: 
 
 @_router.post("/jobs/{job_id}/{method}", responses=answers(models.JobData, 404, 409))
 async def apply(
-    caller: CallerArg, service: ServiceArg, job_id: str, method: str, body: Annotated[Comment | None, Body()] = None
+    caller: CallerArg, service: ServiceArg, job_id: str, method: str, body: Comment = _NO_COMMENT
 ) -> dict[str, Any]:
     """Applies start, revoke_start, pause, resume, stop, abort, cancel or clear."""
     known = {each.name.lower(): each for each in Method}
     if method not in known:
         raise UnknownName(f"there is no method {method!r}; there are: {', '.join(known)}")
-    return service.apply(caller, known[method], job_id, body.comment if body else "").to_dict()
+    return service.apply(caller, known[method], job_id, body.comment).to_dict()
 
 
 @_router.get("/jobs/{job_id}/history", responses=answers(models.History, 404))

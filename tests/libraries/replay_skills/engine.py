@@ -10,8 +10,10 @@ from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
+from skiros2_motion.core.geometry import Pose, composed
 from skiros2_skill.core.processors import Loop, ParallelFf, ParallelFs, RetryOnFail, Selector, SerialStar
 from skiros2_skill.core.skill import SkillBase
+from skiros2_std_reasoners.core.spatial_data import pose_of, set_pose
 
 #: A property of the robot.
 WEIGHT = "skiros:Weight"
@@ -112,6 +114,26 @@ class fail_twice(PrimitiveBase):
         return self.fail(f"attempt {self._starts}", -7) if self._starts % 3 else self.success("third attempt")
 
 
+class StepAside(SkillDescription):
+    """Turns the robot and moves it in its own frame."""
+
+
+class step_aside(PrimitiveBase):
+    """The parameter is assigned: the engine writes the robot."""
+
+    def createDescription(self) -> None:
+        self.setDescription(StepAside(), "step_aside")
+
+    def execute(self) -> State:
+        robot = self.params["Robot"].value
+        robot.setData(":OrientationEuler", [0.1, 0.2, 0.7])
+        pose = pose_of(robot)
+        assert pose is not None
+        set_pose(robot, composed(pose, Pose((0.2, 0.1, 0.0), pose.orientation)))
+        self.params["Robot"].value = robot
+        return self.success("")
+
+
 class EngineRun(SkillDescription):
     """Uses each processor, and the blackboard."""
 
@@ -142,6 +164,7 @@ class engine_run(SkillBase):
                 self.skill("Wait", "wait", specify={"Duration": 5.0}),
             ),
             self.skill(Loop(2))(self.skill("Wait", "wait", specify={"Duration": 0.1})),
+            self.skill("StepAside", "step_aside"),
             self.skill("NoteEnd", "note_end"),
         )
 

@@ -28,6 +28,11 @@ class Tolerance:
     relative: float = 0.02
     absolute: float = 0.02
 
+    @property
+    def is_exact(self) -> bool:
+        """Whether only rounding is tolerated: then texts must be equal."""
+        return self.relative < 1e-6
+
     def close(self, one: float, other: float) -> bool:
         """Whether two numbers count as equal."""
         return one == other or math.isclose(one, other, rel_tol=self.relative, abs_tol=self.absolute)
@@ -42,8 +47,8 @@ COMMANDED = Tolerance(1e-9, 1e-12)
 
 def same_text(one: str, other: str, tolerance: Tolerance) -> bool:
     """Whether two texts are equal within the tolerance."""
-    if one == other:
-        return True
+    if one == other or tolerance.is_exact:
+        return one == other
     one, other = _without_trace(one), _without_trace(other)
     if _MEASURED.sub("#", one) != _MEASURED.sub("#", other):
         return False

@@ -184,7 +184,8 @@ def _difference(
     return Difference(kind, time, where, *(entry[1] if entry is not None else _NOTHING for entry in (one, two)))
 
 
-_POSE = re.compile(r"skiros:(Position[XYZ]|Orientation[XYZW]|TfTimeStamp)")
+#: The properties of a pose, and its stamp.
+POSE = re.compile(r"skiros:(Position[XYZ]|Orientation[XYZW]|TfTimeStamp)")
 
 
 def without_moves(changes: Iterable[TimedChange]) -> list[TimedChange]:
@@ -214,7 +215,7 @@ def _is_moved(before: Element | None, after: Element) -> bool:
     if _facts(before.relation_view) != _facts(after.relation_view):
         return False
     keys = {*before.property_view, *after.property_view}
-    return all(_POSE.fullmatch(key) for key in keys if _values(before, key) != _values(after, key))
+    return all(POSE.fullmatch(key) for key in keys if _values(before, key) != _values(after, key))
 
 
 def _values(element: Element, key: str) -> list[object] | None:
@@ -248,7 +249,7 @@ def diff_elements(
         wanted, found = (e.property_view[key].values if key in e.property_view else [] for e in (expected, got))
         if key == _MANAGER:
             wanted, found = ([str(v).lstrip("/") for v in values] for values in (wanted, found))
-        if not same_values(wanted, found, tolerance if commanded is None or _POSE.fullmatch(key) else commanded):
+        if not same_values(wanted, found, tolerance if commanded is None or POSE.fullmatch(key) else commanded):
             lines.append(f"{key} is {_format_values(found)}, expected {_format_values(wanted)}")
     wanted_relations, found_relations = _relations(expected), _relations(got)
     lines += [f"lacks {' '.join(relation)}" for relation in sorted(wanted_relations - found_relations)]

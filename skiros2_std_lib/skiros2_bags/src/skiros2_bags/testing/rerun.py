@@ -4,19 +4,18 @@ Each progress message stands for one tick. All recorded inputs before it are app
 by others, answers of action servers, signals, cancel requests, the clock. After the tick, the tree must match the
 progress message; at the end, the tasks must have made the recorded changes of the world model.
 
-Message times do not determine the order of messages within `WINDOW`, or the exact time of a tick. After a divergence,
-alternative orders and times of the inputs near it are tried.
+Message times do not determine the exact order and times of events. After a divergence, alternatives are tried; see
+`skiros2_bags.testing.orders`.
 """
 
 from __future__ import annotations
 
 import bisect
 import contextlib
-import itertools
 import math
 import time
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
@@ -25,9 +24,10 @@ import actionlib
 import rospy
 
 from skiros2_bags.core.bag_file import BagError
-from skiros2_bags.core.diff import diff_changes, summary, unchanged_keys
+from skiros2_bags.core.diff import POSE, diff_changes, summary, unchanged_keys
 from skiros2_bags.testing.declared import Declared
 from skiros2_bags.testing.fake_action_clients import RecordedActions
+from skiros2_bags.testing.orders import Ordering, alternatives
 from skiros2_bags.testing.recorded_world import (
     add_reasoners,
     input_operations,
@@ -53,17 +53,9 @@ from skiros2_common.core.operations import Change
 from skiros2_common.ros.connections import ServerWatch
 from skiros2_runs.core.compare import Divergence
 from skiros2_runs.core.tolerance import COMMANDED, NARROW, Tolerance
-from skiros2_skill.core.engine.hooks import PREEMPTED
 from skiros2_skill.testing.fake_clock import FakeClock
 from skiros2_skill.testing.faults import replaced
 from skiros2_world_model.core.replica import apply_change, scene_of
-
-#: Messages closer than this in the bag may have arrived in another order (s).
-WINDOW = 0.02
-
-#: Uncertainty of the time of a tick (s); plus one clock step in simulated time.
-JITTER = 0.005
-
 
 #: The most event orders tried by default. Each takes at most as long as the first pass. The recorded runs in
 #: tests/bags need 1 each, those of the simulated demo on a busy machine up to 15.
@@ -114,23 +106,6 @@ class ReplayResult:
         return "\n".join([*lines, *(f"not compared: {line}" for line in self.not_compared)])
 
 
-@dataclass(frozen=True)
-class Ordering:
-    """A choice of the uncertain orders, times and causes.
-
-    :param orders: (order of a message, its new order).
-    :param time_shifts: (order of a progress message, time shift of its tick in s).
-    :param preempting: orders of progress messages in which primitives that are replaced by their recorded progress have
-        failed because the tree has preempted them, and not by themselves.
-    :param results: orders of progress messages in which primitives that go on have received a result after a feedback.
-    """
-
-    orders: tuple[tuple[int, float], ...] = ()
-    time_shifts: tuple[tuple[int, float], ...] = ()
-    preempting: frozenset[int] = frozenset()
-    results: frozenset[int] = frozenset()
-
-
 def replay(bag: Path, settings: Settings) -> ReplayResult:
     """Re-runs all tasks of a bag.
 
@@ -158,13 +133,13 @@ def rerun(recording: Recording, settings: Settings) -> ReplayResult:
     ordering = Ordering()
     best = _attempt(recording, runs, settings, ordering)
     orders = 1
-    alternatives = _alternatives(recording, ordering, best.event)
-    while best.divergence is not None and orders < settings.max_orders and (other := next(alternatives, None)):
+    others = alternatives(recording, ordering, best.event)
+    while best.divergence is not None and orders < settings.max_orders and (other := next(others, None)):
         orders += 1
         found = _attempt(recording, runs, settings, other)
         if found.divergence is None or found.event.order > best.event.order:
             best, ordering = found, other
-            alternatives = _alternatives(recording, ordering, best.event)
+            others = alternatives(recording, ordering, best.event)
     return ReplayResult(best.divergence, orders, best.declared, best.not_compared)
 
 
@@ -193,47 +168,6 @@ def _attempt(recording: Recording, runs: list[RecordedTask], settings: Settings,
         return _Attempt(event, divergence, run.declared_differently(), run.not_compared())
 
 
-def _alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterator[Ordering]:
-    """Yields alternative orderings near an event, the most likely first."""
-    if not isinstance(at, TaskProgress):
-        return
-    causes = [ordering]
-    if at.order not in ordering.preempting and any(node.code == PREEMPTED for node in at.frame.nodes.values()):
-        causes.insert(0, replace(ordering, preempting=ordering.preempting | {at.order}))
-        yield causes[0]
-    if at.order not in ordering.results:
-        yield replace(ordering, results=ordering.results | {at.order})
-    shifts: tuple[float, ...] = ()
-    if at.order not in dict(ordering.time_shifts):
-        step = JITTER + _clock_step(e for e in recording.events if isinstance(e, ClockTick))
-        shifts = (step, -step, 3 * step, -3 * step, 9 * step, -9 * step)  # a busy machine receives the clock late
-    shifted = [replace(ordering, time_shifts=(*ordering.time_shifts, (at.order, shift))) for shift in shifts]
-    yield from shifted[:2]
-    near = [e for e in recording.events if abs(e.time - at.time) <= WINDOW and _is_input(e)]
-    near.sort(key=lambda e: abs(e.order - at.order))
-    moved = dict(ordering.orders)
-    for event in near:
-        if event.order not in moved:
-            order = at.order + 0.5 if event.order < at.order else at.order - 0.5
-            for cause in causes:
-                yield replace(cause, orders=(*ordering.orders, (event.order, order)))
-    yield from shifted[2:]
-
-
-def _is_input(event: Event) -> bool:
-    """Whether an event may have arrived in another order than it was recorded."""
-    if isinstance(event, ActionMessage):
-        return event.part == "cancel"
-    return isinstance(event, WorldChange | SignalMessage)
-
-
-def _clock_step(ticks: Iterable[ClockTick]) -> float:
-    """Returns the median period of the clock (s)."""
-    times = [tick.now for tick, _ in zip(ticks, range(100), strict=False)]
-    steps = sorted(b - a for a, b in itertools.pairwise(times))
-    return steps[len(steps) // 2] if steps else 0.0
-
-
 class RerunPass:
     """One pass through a recording. A context manager; `play` takes the events in order."""
 
@@ -256,6 +190,12 @@ class RerunPass:
         self._first = min(run.begin for run in runs)
         self._inputs = input_operations(recording)
         self._unchanged = recorded_unchanged(recording)
+        #: Skills that work with poses that others have measured do not get exactly the same in each order of events.
+        self._has_measured_poses = any(
+            self._moves(event)
+            for event in recording.changes
+            if event.order >= self._first and event.order not in self._own
+        )
         scene = scene_before(recording, self._first)
         self.model = world_model_with(scene, settings.workspace)
         add_reasoners(self.model)
@@ -343,6 +283,11 @@ class RerunPass:
                 "which conditions are evaluated, which hooks are called, with what values skills start: the recording "
                 "does not have it; record the run again with --evidence"
             )
+        if self._has_measured_poses:
+            near = f"{self._tolerance.absolute:g} (relative {self._tolerance.relative:g})"
+            found.append(f"poses within {near}: others have moved elements in this run")
+        if self._own:
+            found.append("writes that change nothing: the world model publishes none")
         return tuple(dict.fromkeys(found))
 
     # -- internal ----------------------------------------------------------------------------------------------------
@@ -365,10 +310,9 @@ class RerunPass:
         task = self._tasks.get(id(run))
         if task is None:
             task = self._tasks[id(run)] = RerunTask(run, manager, self._tolerance)
-        due_changes = [event.change for event in self._not_made if event.order < progress.order]
         has_result = progress.order in self._ordering.results
         self.actions.deliver_answers(task.progress, progress, task.states_between(progress), has_result)
-        mismatch = task.tick(progress, due_changes, progress.order in self._ordering.preempting)
+        mismatch = task.tick(progress, self._due_changes(progress), progress.order in self._ordering.preempting)
         if mismatch is None and not self.actions.mismatches:
             return None
         earlier = self._changed_differently()
@@ -380,6 +324,10 @@ class RerunPass:
             return Divergence(where, *self.actions.mismatches[0], context)
         assert mismatch is not None
         return Divergence(where, *mismatch, context)
+
+    def _due_changes(self, progress: TaskProgress) -> Callable[[], list[Change]]:
+        """Returns what lists the recorded changes that were not made yet by a tick; others are made during the tick."""
+        return lambda: [event.change for event in self._not_made if event.order < progress.order]
 
     def _set_simulated_time(self, now: float) -> None:
         """Sets it as of a recording time: when the progress arrives, the clock may be ahead of its tick."""
@@ -421,11 +369,18 @@ class RerunPass:
             got, unchanged = waiting.pop(0)
             recorded = self._unchanged[event.order]
             neither = {eid: keys & recorded.get(eid, set()) for eid, keys in unchanged.items()}
-            differences = diff_changes(event.change, got, self._tolerance, neither, COMMANDED)
+            poses = self._tolerance if self._has_measured_poses else COMMANDED
+            differences = diff_changes(event.change, got, poses, neither, COMMANDED)
             if differences:
                 what = f"the world model, by {event.change.author}"
                 return Divergence(self._where(event), what, summary(event.change), "\n".join(differences))
         return None
+
+    def _moves(self, event: WorldChange) -> bool:
+        """Whether a recorded change moves an element that was there before."""
+        unchanged = self._unchanged[event.order]
+        moved = (e for e in event.change.elements if e.id in unchanged)
+        return any(POSE.fullmatch(key) and key not in unchanged[e.id] for e in moved for key in e.property_view)
 
     def _where(self, event: Event) -> str:
         return f"{event.time - self._begin:.3f} s" if not math.isinf(event.order) else "at the end"

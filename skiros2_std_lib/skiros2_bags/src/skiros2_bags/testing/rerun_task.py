@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import logging
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from typing import Any
 
 from skiros2_bags.core.bag_file import BagError
@@ -211,7 +211,7 @@ class RerunTask:
         self.progress: TaskProgress = run.progress[0]
         #: Whether the tree preempts the primitives that have failed with `PREEMPTED` in the current tick.
         self.is_preempting = False
-        self._due_changes: list[Change] = []
+        self._due_changes: Callable[[], list[Change]] = list
         self._rejection = ""
         try:
             nodes = make_nodes(_requests(run), manager.library, manager.wmi)
@@ -228,17 +228,17 @@ class RerunTask:
         self._task.preempt()
 
     def tick(
-        self, progress: TaskProgress, due_changes: Sequence[Change], is_preempting: bool
+        self, progress: TaskProgress, due_changes: Callable[[], list[Change]], is_preempting: bool
     ) -> tuple[str, str, str] | None:
         """Ticks until there is progress to publish, at most as often as the manager can have ticked.
 
-        :param due_changes: the recorded changes that this tick may make.
+        :param due_changes: lists the recorded changes that this tick may still make.
         :param is_preempting: see `Ordering.preempting`.
         :returns: a mismatch (node, recorded, now); None without one.
         """
         if self._rejection:
             return "the task is refused", "it runs", self._rejection
-        before, self.progress, self._due_changes = self.progress, progress, list(due_changes)
+        before, self.progress, self._due_changes = self.progress, progress, due_changes
         self.is_preempting = is_preempting
         state = progress.frame.task_state
         if state is TaskState.PAUSED:
@@ -274,9 +274,9 @@ class RerunTask:
         return None
 
     def take_due_changes(self) -> list[Change]:
-        """Returns the due changes that were not made yet, and clears them."""
-        due_changes, self._due_changes = self._due_changes, []
-        return due_changes
+        """Returns the due changes that were not made yet, once in a tick."""
+        due_changes, self._due_changes = self._due_changes, list
+        return due_changes()
 
     def context(self, progress: TaskProgress) -> tuple[str, ...]:
         """Returns the recorded state changes before a progress message, one line each."""

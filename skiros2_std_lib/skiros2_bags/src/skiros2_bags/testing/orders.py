@@ -1,0 +1,85 @@
+"""The orders and times of events that a recording leaves open.
+
+Message times do not determine the order of messages within `WINDOW`, or the exact time of a tick.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+from skiros2_bags.testing.recording import (
+    ActionMessage,
+    ClockTick,
+    Event,
+    Recording,
+    SignalMessage,
+    TaskProgress,
+    WorldChange,
+)
+from skiros2_skill.core.engine.hooks import PREEMPTED
+
+#: Messages closer than this in the bag may have arrived in another order (s).
+WINDOW = 0.02
+
+#: Uncertainty of the time of a tick (s); plus one clock step in simulated time.
+JITTER = 0.005
+
+
+@dataclass(frozen=True)
+class Ordering:
+    """A choice of the uncertain orders, times and causes.
+
+    :param orders: (order of a message, its new order).
+    :param time_shifts: (order of a progress message, time shift of its tick in s).
+    :param preempting: orders of progress messages in which primitives that are replaced by their recorded progress have
+        failed because the tree has preempted them, and not by themselves.
+    :param results: orders of progress messages in which primitives that go on have received a result after a feedback.
+    """
+
+    orders: tuple[tuple[int, float], ...] = ()
+    time_shifts: tuple[tuple[int, float], ...] = ()
+    preempting: frozenset[int] = frozenset()
+    results: frozenset[int] = frozenset()
+
+
+def alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterator[Ordering]:
+    """Yields alternative orderings near an event, the most likely first."""
+    if not isinstance(at, TaskProgress):
+        return
+    causes = [ordering]
+    if at.order not in ordering.preempting and any(node.code == PREEMPTED for node in at.frame.nodes.values()):
+        causes.insert(0, replace(ordering, preempting=ordering.preempting | {at.order}))
+        yield causes[0]
+    if at.order not in ordering.results:
+        yield replace(ordering, results=ordering.results | {at.order})
+    shifts: tuple[float, ...] = ()
+    if at.order not in dict(ordering.time_shifts):
+        step = JITTER + _clock_step(e for e in recording.events if isinstance(e, ClockTick))
+        shifts = (step, -step, 3 * step, -3 * step, 9 * step, -9 * step)  # a busy machine receives the clock late
+    shifted = [replace(ordering, time_shifts=(*ordering.time_shifts, (at.order, shift))) for shift in shifts]
+    yield from shifted[:2]
+    near = [e for e in recording.events if abs(e.time - at.time) <= WINDOW and _is_input(e)]
+    near.sort(key=lambda e: abs(e.order - at.order))
+    moved = dict(ordering.orders)
+    for event in near:
+        if event.order not in moved:
+            order = at.order + 0.5 if event.order < at.order else at.order - 0.5
+            for cause in causes:
+                yield replace(cause, orders=(*ordering.orders, (event.order, order)))
+    yield from shifted[2:]
+
+
+def _is_input(event: Event) -> bool:
+    """Whether an event may have arrived in another order than it was recorded."""
+    if isinstance(event, ActionMessage):
+        return event.part == "cancel"
+    return isinstance(event, WorldChange | SignalMessage)
+
+
+def _clock_step(ticks: Iterable[ClockTick]) -> float:
+    """Returns the median period of the clock (s)."""
+    times = [tick.now for tick, _ in zip(ticks, range(100), strict=False)]
+    steps = sorted(b - a for a, b in itertools.pairwise(times))
+    return steps[len(steps) // 2] if steps else 0.0

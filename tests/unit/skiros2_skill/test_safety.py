@@ -12,7 +12,7 @@ import pytest
 
 from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.errors import ConfigurationError, RobotStopped
-from skiros2_common.core.explanation import STOP
+from skiros2_common.core.explanation import STOP, worst_kind
 from skiros2_common.core.failure_kind import FailureKind
 from skiros2_runs.core.states import TaskState
 from skiros2_skill.core.runtime.history import History, record_of
@@ -399,6 +399,7 @@ def test_policy_of_a_kind_can_be_chosen(bench: Any) -> None:
         robot.guard.report("/arm", "collision")
         assert task.ended.wait(5)
         assert record_of(task).message == "protective stop by /arm: collision"
+        assert worst_kind(record_of(task).explanations) is FailureKind.SAFETY
     finally:
         robot.guard.close()
         robot.scheduler.stop()
@@ -410,7 +411,7 @@ def test_start_is_refused_with_reason_and_code_also_in_preview(robot: Robot) -> 
         robot.start()
     assert refused.value.record.code == -5
     (why,) = robot.history.get(-1).explanations
-    assert (why.stage, why.type, why.code) == (STOP, "Work", -5)
+    assert (why.stage, why.type, why.code, why.failure_kind) == (STOP, "Work", -5, FailureKind.SAFETY)
     refusal = robot.starter.preview([SkillRequest("Work", "", {})]).refusal
     assert refusal is not None
     assert (refusal.stage, refusal.code, refusal.message) == (STOP, -5, "fault by /driver: no power")
@@ -437,6 +438,7 @@ def test_stop_between_request_and_start_withdraws_the_task(robot: Robot) -> None
         robot.scheduler.start(task.id)
     record = robot.starter.withdraw(task, stopped.value).record
     assert (record.task_id, record.code, record.message) == (-1, -5, "emergency stop by /e_stop: pressed")
+    assert worst_kind(record.explanations) is FailureKind.SAFETY
     assert robot.scheduler.tasks() == []
     assert robot.history.get(-1) is record
 

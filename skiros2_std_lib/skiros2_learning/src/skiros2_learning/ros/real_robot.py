@@ -220,7 +220,7 @@ class RealRobot:
                 stop()
         succeeded = not reason and run.succeeded()
         kind = FailureKind.RETRYABLE if succeeded else worst_kind(run.explanations())
-        if not kind.allows_reaction:
+        if kind.is_final and kind is not FailureKind.LIMIT:  # a limit is a result; a lost part no reset finds
             raise Unavailable(f"{_why(run)} ({kind.words}): a person has to look before the next execution")
         return samples.record(succeeded, "" if succeeded else reason or _why(run), self._wmi)
 

@@ -20,6 +20,7 @@ from skiros2_common.core.errors import (
     WrongValue,
 )
 from skiros2_common.core.explanation import DEFAULT, GIVEN, PARAMETER, START, STOP, Explanation, Provenance
+from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.json_codec import param_texts
 from skiros2_common.core.names import full_name, nearest
 from skiros2_common.core.params import Origin, Param, ParamTypes
@@ -364,7 +365,8 @@ class TaskStarter:
     def withdraw(self, task: Task, stopped: RobotStopped) -> TaskRefused:
         """Discards a task that a stop has kept from its first start. Returns the refusal."""
         self._scheduler.discard(task)
-        why = Explanation(STOP, task.root.type, task.root.label, task.id, stopped.CODE, str(stopped))
+        root, kind = task.root, FailureKind.SAFETY
+        why = Explanation(STOP, root.type, root.label, task.id, stopped.CODE, str(stopped), kind=kind)
         record = Record(REFUSED, task.author, State.Idle, stopped.CODE, str(stopped), [why])
         self._history.refuse(record, task)
         return TaskRefused(record)
@@ -441,7 +443,7 @@ def _fill(root: Root, robot: Element, nodes: Sequence[SkillWrapper]) -> None:
 
 
 def _explanation(requests: Sequence[SkillRequest], text: str, code: int = REFUSED_CODE) -> Explanation:
-    stage = STOP if code == RobotStopped.CODE else START
-    if len(requests) == 1:
-        return Explanation(stage, requests[0].type, requests[0].label, -1, code, text)
-    return Explanation(stage, ":Root", "", -1, code, text)
+    is_stop = code == RobotStopped.CODE
+    stage, kind = (STOP, FailureKind.SAFETY) if is_stop else (START, FailureKind.RETRYABLE)
+    stype, label = (requests[0].type, requests[0].label) if len(requests) == 1 else (":Root", "")
+    return Explanation(stage, stype, label, -1, code, text, kind=kind)

@@ -7,7 +7,7 @@ from __future__ import annotations
 import inspect
 import textwrap
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
@@ -27,6 +27,9 @@ from skiros2_std_reasoners.core import spatial_data
 from skiros2_std_reasoners.ros import codes
 from skiros2_std_skills import utility_primitives
 from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
+from skiros2_task.core import compiler, planning
+from skiros2_task.core.formula import TRUE
+from skiros2_task.core.task import PlanningTask
 from skiros2_world_model.core.world_model_client import WorldModelClient
 
 Patch = pytest.MonkeyPatch
@@ -345,4 +348,63 @@ WORLD = [
     _world("the object is not moved", edited(utility_primitives, "_move", "wmi.update_element(moved)", "pass")),
 ]  # fmt: skip
 
-CHANGES = [*DECLARED, *DRIVERS, *ENGINE_CHANGES, *WORLD]
+# -- 5. the planner ---------------------------------------------------------------------------------------------------
+
+
+def _step(change: Callable[[Any], Any]) -> Callable[[Patch], None]:
+    """Changes the steps of each plan."""
+
+    def wrapped(genuine: Any) -> Any:
+        def make(*arguments: Any) -> Any:
+            plan = genuine(*arguments)
+            return replace(plan, steps=tuple(change(list(plan.steps))))
+
+        return make
+
+    return replaced(planning, "make_plan", wrapped)
+
+
+def _with_call(**values: Any) -> Callable[[Any], Any]:
+    return lambda steps: [*steps[:-1], replace(steps[-1], call=replace(steps[-1].call, **values))]
+
+
+def _without_preconditions(genuine: Any) -> Any:
+    def make(robots: Any) -> Any:
+        actions, notes = genuine(robots)
+        return [replace(action, precondition=TRUE) for action in actions], notes
+
+    return make
+
+
+def _without_effects(genuine: Any) -> Any:
+    def make(robots: Any) -> Any:
+        actions, notes = genuine(robots)
+        return [replace(action, effects=action.effects[:1]) for action in actions], notes
+
+    return make
+
+
+def _planner(name: str, plant: Callable[[Patch], object], bag: str = TIMED) -> PlantedChange:
+    return PlantedChange("planner", name, bag, plant)
+
+
+PLANNER = [
+    _planner("steps in another order", _step(lambda steps: [steps[1], steps[0], *steps[2:]])),
+    _planner("a step is missing", _step(lambda steps: steps[:-1])),
+    _planner("a step too many", _step(lambda steps: [*steps, steps[-1]])),
+    _planner("a step waits for nothing", _step(
+        lambda steps: [*steps[:-1], replace(steps[-1], after=frozenset())])),
+    _planner("another robot", _step(_with_call(manager="/other_robot"))),
+    _planner("another implementation", _step(_with_call(label="place_slowly"))),
+    _planner("another element", _step(lambda steps: _with_call(arguments=steps[0].call.arguments)(steps))),
+    _planner("a longer schedule",
+        replaced(planning.Plan, "makespan", lambda genuine: property(lambda plan: genuine.fget(plan) + 0.5))),
+    _planner("no plan is found", edited(planning, "_why_impossible", "if task.actions:", "if not task.actions:")),
+    _planner("the goal counts as reached", replaced(PlanningTask, "satisfied", lambda _: True), DRIVE),
+    _planner("found plans are rejected", edited(planning.TaskPlanner, "_result",
+        "if answer.outcome is not Outcome.SOLVED", "if answer.outcome is Outcome.SOLVED"), DRIVE),
+    _planner("pre-conditions are ignored", replaced(compiler, "make_actions", _without_preconditions)),
+    _planner("effects are ignored", replaced(compiler, "make_actions", _without_effects)),
+]  # fmt: skip
+
+CHANGES = [*DECLARED, *DRIVERS, *ENGINE_CHANGES, *WORLD, *PLANNER]

@@ -27,13 +27,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--relative", type=float, default=NARROW.relative, help="relative tolerance of numbers")
     parser.add_argument("--absolute", type=float, default=NARROW.absolute, help="absolute tolerance of numbers")
     parser.add_argument("--orders", type=int, default=MAX_ORDERS, help="the most event orders to try")
+    parser.add_argument("--plans", action="store_true", help="make the plans again, and compare them (some seconds)")
     parser.add_argument("--json", action="store_true", help="print JSON")
     given = parser.parse_args(arguments)
     tolerance = Tolerance(given.relative, given.absolute)
     played = frozenset(filter(None, given.played.split(",")))
 
     def work() -> CommandResult:
-        found = replay(given.bag, Settings(given.workspace, played, tolerance, given.orders))
+        found = replay(given.bag, Settings(given.workspace, played, tolerance, given.orders, given.plans))
         first = found.divergence
         data = {**asdict(found), "divergence": None if first is None else asdict(first)}
         return CommandResult(str(found).splitlines(), data, OK if found.is_as_recorded else REFUSED)

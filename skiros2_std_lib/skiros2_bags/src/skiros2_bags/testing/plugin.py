@@ -30,12 +30,17 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("replay", "recorded runs of skills")
     group.addoption("--replay", action="append", default=[], metavar="BAG", help="re-run a bag as a test; repeatable")
     group.addoption("--replay-workspace", default="", metavar="FOLDER", help="folder of the ontologies of the scenes")
+    for name in ("relative", "absolute"):
+        text = f"{name} tolerance of measured numbers"
+        group.addoption(f"--replay-{name}", type=float, default=getattr(NARROW, name), metavar="NUMBER", help=text)
+    group.addoption("--replay-plans", action="store_true", help="make the plans again, and compare them")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers",
-        "replay(bag, workspace=None, played=(), relative=..., absolute=...): the bag for the fixture `replayed`",
+        "replay(bag, workspace=None, played=(), relative=..., absolute=..., plans=False): the bag for the fixture "
+        "`replayed`",
     )
 
 
@@ -46,7 +51,10 @@ def pytest_collection_modifyitems(session: pytest.Session, config: pytest.Config
     from skiros2_bags.testing.rerun import Settings  # imported when needed, as ROS is slow to import
 
     workspace = config.getoption("--replay-workspace")
-    settings = Settings(Path(workspace).resolve() if workspace else None)
+    tolerance = Tolerance(config.getoption("--replay-relative"), config.getoption("--replay-absolute"))
+    settings = Settings(
+        Path(workspace).resolve() if workspace else None, tolerance=tolerance, plans=config.getoption("--replay-plans")
+    )
     for bag in bags:
         items.append(ReplayItem.from_parent(session, name=bag, bag=Path(bag).resolve(), settings=settings))
 
@@ -93,6 +101,7 @@ def replayed(request: pytest.FixtureRequest) -> Iterator[str | None]:
         _file(request, workspace) if workspace is not None else None,
         frozenset(given.pop("played", ())),
         Tolerance(given.pop("relative", NARROW.relative), given.pop("absolute", NARROW.absolute)),
+        plans=given.pop("plans", False),
     )
     if given:
         raise pytest.UsageError(f"marker replay: unknown {', '.join(given)}")

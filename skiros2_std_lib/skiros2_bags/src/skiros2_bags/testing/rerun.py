@@ -16,7 +16,7 @@ import math
 import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
 
@@ -28,6 +28,7 @@ from skiros2_bags.core.diff import POSE, diff_changes, summary, unchanged_keys
 from skiros2_bags.testing.declared import Declared
 from skiros2_bags.testing.fake_action_clients import RecordedActions
 from skiros2_bags.testing.orders import Ordering, alternatives
+from skiros2_bags.testing.plans import PlanComparison, compare_plans, recorded_plans
 from skiros2_bags.testing.recorded_world import (
     add_reasoners,
     input_operations,
@@ -72,12 +73,14 @@ class Settings:
         (`PrimitiveBase.replays_progress`).
     :param tolerance: of measured numbers.
     :param max_orders: the most orders of nearly simultaneous events to try.
+    :param plans: whether the plans are made again and compared; takes seconds.
     """
 
     workspace: Path | None = None
     played: frozenset[str] = frozenset()
     tolerance: Tolerance = NARROW
     max_orders: int = MAX_ORDERS
+    plans: bool = False
 
 
 @dataclass(frozen=True)
@@ -88,20 +91,24 @@ class ReplayResult:
     :param orders: the number of event orders that were tried.
     :param declared: how the declarations of skills in use differ from the recorded ones, a line each.
     :param not_compared: what a re-run of this bag does not compare, a line each.
+    :param plans: see `PlanComparison`.
     """
 
     divergence: Divergence | None
     orders: int = 1
     declared: tuple[str, ...] = ()
     not_compared: tuple[str, ...] = ()
+    plans: PlanComparison = field(default_factory=PlanComparison)
 
     @property
     def is_as_recorded(self) -> bool:
-        return self.divergence is None and not self.declared
+        return self.divergence is None and not self.declared and not self.plans.worse
 
     def __str__(self) -> str:
         lines = [f"declared differently: {line}" for line in self.declared]
+        lines += [f"planned worse: {line}" for line in self.plans.worse]
         lines += [str(self.divergence)] if self.divergence is not None else [] if lines else ["as recorded"]
+        lines += [f"planned differently, not worse: {line}" for line in self.plans.different]
         lines += [f"{self.orders} event orders were tried"] if self.orders > 1 else []
         return "\n".join([*lines, *(f"not compared: {line}" for line in self.not_compared)])
 
@@ -140,7 +147,12 @@ def rerun(recording: Recording, settings: Settings) -> ReplayResult:
         if found.divergence is None or found.event.order > best.event.order:
             best, ordering = found, other
             others = alternatives(recording, ordering, best.event)
-    return ReplayResult(best.divergence, orders, best.declared, best.not_compared)
+    plans, not_planned = PlanComparison(), list[str]()
+    if settings.plans:
+        plans = compare_plans(recording, settings.workspace)
+    elif goals := len(recorded_plans(recording)):
+        not_planned = [f"the plans of {goals} goal{'s' * (goals > 1)}: with --plans they are made again"]
+    return ReplayResult(best.divergence, orders, best.declared, (*best.not_compared, *not_planned), plans)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +23,11 @@ folders = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]
 sys.path[:0] = [str(ROOT / folder) for folder in folders]
 
 import optuna  # noqa: E402 - after the path
-from optuna.samplers import BaseSampler, NSGAIISampler, RandomSampler, TPESampler  # noqa: E402
-from optuna.trial import Trial  # noqa: E402
 
+from benchmarks.optimisers import optimisers  # noqa: E402
 from skiros2_learning.core.evaluation import evaluate, seed_of  # noqa: E402
 from skiros2_learning.core.policy import Policy, learn_variations  # noqa: E402
-from skiros2_learning.core.prior_sampler import Normal, PriorSampler  # noqa: E402
+from skiros2_learning.core.prior_sampler import PriorSampler  # noqa: E402
 from skiros2_learning.core.scenario import Scenario, load_scenario  # noqa: E402
 from skiros2_learning.core.study import LearningStudy  # noqa: E402
 from skiros2_learning.core.variables import Gaussian, Value  # noqa: E402
@@ -43,20 +42,19 @@ Row = dict[str, Any]
 SCENARIOS = ROOT / "skiros2_std_lib/demos/learning/scenarios"
 #: Commands of PyBullet to motors.
 _MOTORS = ("setJointMotorControlArray", "setJointMotorControl2")
-#: Standard deviation of priors on known functions, relative to the ranges; the good ones are off by half of it.
-_SPREAD = 0.1
 
 
 def main(arguments: Sequence[str]) -> int:
     """Runs the program. Returns 0."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--short", action="store_true", help="few seeds and evaluations: a few minutes")
-    parser.add_argument("--parts", default="functions,push,insertion,variations,speed", help="default: %(default)s")
+    parser.add_argument("--parts", default="optimisers,push,insertion,variations,speed", help="default: %(default)s")
+    parser.add_argument("--only", default="", help="optimisers of the part `optimisers`, separated by |")
     parser.add_argument("--json", type=Path, default=ROOT / "build/learning.json", help="where the figures go")
     options = parser.parse_args(arguments)
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     parts: dict[str, Callable[[bool], list[Row]]] = {
-        "functions": functions,
+        "optimisers": lambda short: optimisers(range(1, 4 if short else 6), shown, options.only),
         "push": lambda short: scenario_rows("push.yaml", 12 if short else 60, 1 if short else 3),
         "insertion": lambda short: scenario_rows("insertion.yaml", 8 if short else 30, 1 if short else 3),
         "variations": variations,
@@ -75,78 +73,6 @@ def shown(row: Row) -> Row:
     """Prints a row, and returns it."""
     print("  " + ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()), flush=True)
     return row
-
-
-# -- known functions ---------------------------------------------------------------------------------------------------
-
-
-def functions(short: bool) -> list[Row]:
-    """Regret of each optimiser (the best value less the minimum), and evaluations until it is small: medians."""
-    seeds = range(1, 4 if short else 11)
-    branin_priors = {"good": {"x": (3.9, 1.5), "y": (3.0, 1.5)}, "misleading": {"x": (5.5, 1.5), "y": (13.0, 1.5)}}
-    spread = {"good": _SPREAD / 2, "misleading": 3.0 * _SPREAD}
-    hartmann_priors = {
-        kind: {f"x{i}": (best + off, _SPREAD) for i, best in enumerate(known.HARTMANN_OPTIMUM)}
-        for kind, off in spread.items()
-    }
-    return [
-        *_function_rows("Branin", known.branin, known.BRANIN_MINIMUM, 0.1, branin_priors, seeds, 40),
-        *_function_rows("Hartmann-6", known.hartmann, known.HARTMANN_MINIMUM, 0.2, hartmann_priors, seeds, 60),
-        *_front_rows(seeds),
-    ]
-
-
-def _function_rows(
-    name: str,
-    function: Callable[[Trial], float],
-    minimum: float,
-    small: float,
-    priors: Mapping[str, Mapping[str, tuple[float, float]]],
-    seeds: Sequence[int],
-    count: int,
-) -> list[Row]:
-    optimisers: dict[str, Callable[[int], BaseSampler]] = {
-        "random": lambda seed: RandomSampler(seed=seed),
-        "TPE": lambda seed: TPESampler(seed=seed),
-        "prior sampler, no prior": lambda seed: PriorSampler(seed=seed),
-    }
-    for kind, values in priors.items():
-        normals = {key: Normal(mean, std) for key, (mean, std) in values.items()}
-        optimisers[f"prior sampler, {kind} prior"] = lambda seed, given=normals: PriorSampler(
-            given, n_startup_trials=5, beta=count / 10, seed=seed
-        )
-    rows = []
-    for optimiser, make in optimisers.items():
-        regrets, needed = [], []
-        for seed in seeds:
-            study = optuna.create_study(sampler=make(seed))
-            study.optimize(function, n_trials=count)
-            regrets.append(study.best_value - minimum)
-            good = (t.number + 1 for t in study.trials if t.value is not None and t.value - minimum < small)
-            needed.append(next(good, count + 1))
-        row = {"function": name, "optimiser": optimiser, "evaluations": count}
-        few = statistics.median(needed)
-        until = few if few <= count else "-"
-        rows.append(shown({**row, "regret": statistics.median(regrets), f"until {small}": until}))
-    return rows
-
-
-def _front_rows(seeds: Sequence[int]) -> list[Row]:
-    rows = []
-    for optimiser, make in (
-        ("random", lambda seed: RandomSampler(seed=seed)),
-        ("TPE", lambda seed: TPESampler(seed=seed)),
-        ("NSGA-II", lambda seed: NSGAIISampler(seed=seed, population_size=10)),
-        ("prior sampler, no prior", lambda seed: PriorSampler(seed=seed)),
-    ):
-        areas = []
-        for seed in seeds:
-            study = optuna.create_study(directions=["minimize", "minimize"], sampler=make(seed))
-            study.optimize(known.zdt1, n_trials=40)
-            areas.append(known.dominated_area([tuple(trial.values) for trial in study.best_trials]))
-        row = {"function": "ZDT1", "optimiser": optimiser, "evaluations": 40}
-        rows.append(shown({**row, "hypervolume": statistics.median(areas)}))
-    return rows
 
 
 # -- scenarios ---------------------------------------------------------------------------------------------------------

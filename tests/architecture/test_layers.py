@@ -36,7 +36,7 @@ OUTSIDE = {
     "skiros2_learning": {
         "numpy",
         "scipy",
-        "sklearn",
+        "optuna_integration",
         "threadpoolctl",
         "optuna",
         "sqlalchemy",

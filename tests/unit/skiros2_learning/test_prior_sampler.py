@@ -19,6 +19,7 @@ from support.known_functions import (
     branin,
     dominated_area,
     hartmann,
+    levy,
     zdt1,
 )
 
@@ -60,6 +61,36 @@ def test_two_objectives_give_a_wide_front() -> None:
     assert areas["prior"] > 4.3  # the true front dominates 5.07
 
 
+def test_of_noisy_trials_the_one_with_the_best_mean_is_recommended() -> None:
+    sampler = PriorSampler(seed=1)
+    study = optuna.create_study(sampler=sampler)
+    space = {"x": optuna.distributions.FloatDistribution(0.0, 1.0)}
+    for x in np.linspace(0.0, 1.0, 21):
+        lucky = -2.0 if x == 0.9 else 0.1 * math.sin(50.0 * x)
+        study.add_trial(
+            optuna.trial.create_trial(params={"x": x}, distributions=space, value=4.0 * (x - 0.3) ** 2 + lucky)
+        )
+    assert study.best_params["x"] == pytest.approx(0.9)
+    assert sampler.recommended(study).params["x"] == pytest.approx(0.3, abs=0.11)
+
+
+def test_a_value_of_few_repetitions_counts_less() -> None:
+    def recommended(repetitions: int) -> float:
+        sampler = PriorSampler(seed=1)
+        study = optuna.create_study(sampler=sampler)
+        space = {"x": optuna.distributions.FloatDistribution(0.0, 1.0)}
+        for i, x in enumerate(np.linspace(0.0, 1.0, 11)):
+            few, value = i == 8, -0.5 if i == 8 else 2.0 * (x - 0.3) ** 2
+            attributes = {"repetitions": [repetitions if few else 50, [0.5]]}
+            study.add_trial(
+                optuna.trial.create_trial(params={"x": x}, distributions=space, value=value, user_attrs=attributes)
+            )
+        return float(sampler.recommended(study).params["x"])
+
+    assert recommended(2) == pytest.approx(0.3, abs=0.11)
+    assert recommended(500) == pytest.approx(0.8)
+
+
 def test_variables_of_all_types_are_searched() -> None:
     def cost(trial: Trial) -> float:
         gait = {"walk": 0.0, "trot": 1.0, "crawl": 2.0}[trial.suggest_categorical("gait", ["crawl", "walk", "trot"])]
@@ -89,12 +120,19 @@ def test_constraints_are_respected() -> None:
     assert sum(later) >= len(later) / 2
 
 
-def test_the_first_trials_are_drawn_from_the_prior() -> None:
+def test_the_first_trials_are_drawn_from_the_prior_a_third_of_them_at_random() -> None:
     study = optuna.create_study(sampler=PriorSampler({"x": Normal(3.0, 0.1)}, n_startup_trials=30, seed=1))
     study.optimize(lambda trial: trial.suggest_float("x", -5.0, 10.0), n_trials=30)
     drawn = np.array([trial.params["x"] for trial in study.trials])
-    assert drawn.mean() == pytest.approx(3.0, abs=0.1)
-    assert drawn.std() == pytest.approx(0.1, abs=0.05)
+    guided = np.arange(30) % 3 != 2
+    assert drawn[guided].mean() == pytest.approx(3.0, abs=0.1)
+    assert drawn[guided].std() == pytest.approx(0.1, abs=0.05)
+    assert drawn[~guided].std() == pytest.approx(15.0 / math.sqrt(12.0), abs=1.0)
+
+
+def test_a_prior_that_the_data_contradict_is_not_worse_than_random() -> None:
+    far = {f"x{i}": Normal(-8.0, 2.0) for i in range(4)}
+    assert minimum(levy, PriorSampler(far, seed=1, beta=3), 30) < minimum(levy, RandomSampler(seed=1), 30)
 
 
 def test_a_study_that_is_resumed_goes_on_as_it_would_have() -> None:

@@ -78,7 +78,11 @@ def test_each_mistake_is_one_line_on_stderr(file: str, tmp_path: Path, capsys: p
         (["run", str(tmp_path / "bad.yaml")], "variables.x.range: expected the lower bound first"),
         (["run", str(tmp_path / "none.yaml")], "No such file or directory"),
         (["status", str(tmp_path / "none")], "has no study"),
-        (["run", file, "--optimiser", "cmaes", "--study", str(tmp_path / "s")], "needs the package cmaes"),
+        (["run", file, "--optimiser", "cmaes", "--study", str(tmp_path / "s")], "pip install cmaes"),
+        (
+            ["run", file, "--optimiser", "botorch", "--study", str(tmp_path / "s")],
+            "pip install optuna-integration botorch",
+        ),
     ):
         assert main(arguments) == 1
         error = capsys.readouterr().err

@@ -20,7 +20,7 @@ from skiros2_learning.core.earlier_studies import with_earlier
 from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.search_space import Array, SearchSpace
 from skiros2_learning.core.study import LearningStudy, distribution_of
-from skiros2_learning.core.surrogate import SurrogateKind, fit_surrogate
+from skiros2_learning.core.surrogate import fit_surrogate
 from skiros2_learning.core.variables import Value
 from skiros2_learning.core.variations import Feature
 
@@ -116,15 +116,15 @@ class Policy:
         sign = 1.0 if objective.sense == "maximise" else -1.0
         self._values = sign * np.array([result.objectives[objective.name] for result in results])
         context = np.array([self._units(variation) for variation, _ in pairs])
-        inputs = np.hstack([context, self._space.features(self._points)])
-        kind: SurrogateKind = "forest" if self._space.has_nominal else "gp"
+        inputs = np.hstack([context, self._points])
+        nominal = [False] * context.shape[1] + self._space.nominal
         random = np.random.default_rng(self.scenario.seed)
         rates = np.array([result.success_rate for result in results])
         with threadpool_limits(1):  # the matrices are small: threads would cost more than they bring
-            self._objective = fit_surrogate(kind, inputs, self._values, random)
-            self._success = fit_surrogate(kind, inputs, rates, random)
+            self._objective = fit_surrogate(inputs, self._values, random, nominal=nominal)
+            self._success = fit_surrogate(inputs, rates, random, nominal=nominal)
             self._violations = [
-                (fit_surrogate(kind, inputs, violations, random), float(np.abs(violations).max()) or 1.0)
+                (fit_surrogate(inputs, violations, random, nominal=nominal), float(np.abs(violations).max()) or 1.0)
                 for name in (each.name for each in self.scenario.constraints)
                 for violations in [np.array([result.violations[name] for result in results])]
             ]
@@ -166,7 +166,7 @@ class Policy:
         return bound
 
     def _inputs(self, context: Array, points: Array) -> Array:
-        return np.hstack([np.tile(context, (len(points), 1)), self._space.features(points)])
+        return np.hstack([np.tile(context, (len(points), 1)), points])
 
     def _units(self, variation: Mapping[str, float]) -> Array:
         return np.array([each.unit_of(variation[each.name]) for each in self.scenario.variations])

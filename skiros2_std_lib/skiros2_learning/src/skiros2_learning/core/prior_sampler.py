@@ -1,6 +1,6 @@
 """A sampler for Optuna: Bayesian optimisation that is guided by priors, for one or several objectives.
 
-It needs Optuna, NumPy, SciPy and scikit-learn, and of this project only `search_space.py` and `surrogate.py`:
+It needs Optuna, NumPy and SciPy, and of this project only `search_space.py` and `surrogate.py`:
 
     sampler = PriorSampler({"x": Normal(0.2, 0.05), "gait": Choice({"walk": 3, "trot": 1})}, seed=1)
     study = optuna.create_study(sampler=sampler)
@@ -8,16 +8,19 @@ It needs Optuna, NumPy, SciPy and scikit-learn, and of this project only `search
 It combines:
 
 - Variables may be real, integer, ordinal (categorical with numbers only) and categorical.
-- The first trials cover the prior evenly, as a Latin hypercube. Then a surrogate is fitted: a Gaussian process (Matérn
-  5/2, one length scale for each variable), or a random forest with many observations or with categorical variables.
-- The next trial maximises the expected improvement, multiplied by the prior to the power of beta/n after n trials
-  (Hvarfner et al., "πBO: Augmenting Acquisition Functions with User Beliefs for Bayesian Optimization", ICLR 2022): a
-  good prior helps early, a misleading one is forgotten.
+- The first trials cover the prior evenly, as a Latin hypercube. Then a Gaussian process is fitted to the values, which
+  are warped to be closer to normal ones. It separates the function from the noise of its values: known noise follows
+  from repetitions (attribute `repetitions` of a trial), the rest is estimated.
+- The next trial maximises the expected improvement on the best mean of the process, multiplied by the prior to the
+  power of w beta/n in the n-th trial after the first ones (Hvarfner et al., "πBO: Augmenting Acquisition Functions with
+  User Beliefs for Bayesian Optimization", ICLR 2022). The weight w is the probability that values are better where the
+  prior is high, by the model's evidence with and without such a trend: a good prior helps early, one that the data
+  contradict loses its weight. A third of the first trials is uniform.
 - Several objectives are scalarised with random weights in each trial by the augmented Chebyshev function (Knowles,
   "ParEGO", 2006; Paria et al., "A Flexible Framework for Multi-Objective Bayesian Optimization using Random
   Scalarizations", 2019).
 - With constraints (`trial.set_constraint`) the acquisition is multiplied by the probability of
-  feasibility (Gardner et al., "Bayesian Optimization with Inequality Constraints", 2014), by a random forest.
+  feasibility (Gardner et al., "Bayesian Optimization with Inequality Constraints", 2014).
 - Running trials count with the worst value, so that parallel trials differ.
 
 The random numbers of a trial depend on the seed and the number of the trial: a study that is resumed continues as it
@@ -26,29 +29,41 @@ would have, if its trials end in the same order.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from optuna.distributions import BaseDistribution
 from optuna.samplers import BaseSampler
 from optuna.search_space import IntersectionSearchSpace
 from optuna.study import Study, StudyDirection
 from optuna.trial import FrozenTrial, TrialState
-from scipy.stats import norm
-from sklearn.ensemble import RandomForestClassifier
+from scipy.special import erfcx, expit
+from scipy.stats import norm, yeojohnson
 from threadpoolctl import threadpool_limits
 
 from skiros2_learning.core.search_space import Array, Choice, Kernels, Normal, Prior, SearchSpace
-from skiros2_learning.core.surrogate import TREES, Surrogate, SurrogateKind, fit_surrogate
+from skiros2_learning.core.surrogate import Surrogate, fit_surrogate
 
 __all__ = ["Choice", "Kernels", "Normal", "Prior", "PriorSampler"]
 
-#: Observations up to which a Gaussian process is fitted: its time grows with their third power.
-MAX_GAUSSIAN_PROCESS = 120
 #: Candidates of a trial, and how many of the best ones are refined.
-_CANDIDATES, _REFINED, _AROUND = 1500, 5, 60
+_CANDIDATES, _REFINED, _AROUND = 1500, 5, 40
+#: Deviations of the refinements, one after the other, relative to the ranges.
+_SPREADS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
+#: Attribute of a trial whose values are means of repetitions: their number, and the variance of each value over them.
+REPETITIONS = "repetitions"
+#: Repetitions that the variance of all trials counts for in that of one: a few equal ones do not mean certainty.
+_SHRINKAGE = 3.0
+#: With priors, each trial of this number among the first ones is uniform.
+_UNIFORM_SHARE = 3
+#: Logarithm of the odds of a prior that helps, before there are values.
+_TRUST = math.log(3.0)
+#: Deviations of the model by which a constraint is to hold.
+_MARGIN = 2.0
 #: Weight of the sum in the augmented Chebyshev function.
 _AUGMENTATION = 0.05
 
@@ -59,7 +74,6 @@ class PriorSampler(BaseSampler):
     :param priors: by name of the variable; others are uniform.
     :param n_startup_trials: trials that cover the prior before the first surrogate.
     :param beta: strength of the prior; a tenth of the number of trials is a good value.
-    :param surrogate: "auto" selects by number of observations and types of variables.
     :param seed: of all random numbers; None for another one each time.
     """
 
@@ -69,13 +83,11 @@ class PriorSampler(BaseSampler):
         *,
         n_startup_trials: int = 10,
         beta: float = 10.0,
-        surrogate: Literal["auto", "gp", "forest"] = "auto",
         seed: int | None = None,
     ) -> None:
         self._priors = dict(priors or {})
         self._startup = n_startup_trials
         self._beta = beta
-        self._surrogate = surrogate
         self._seed = int(np.random.default_rng(seed).integers(2**31))
         self._space = IntersectionSearchSpace(include_pruned=True)
 
@@ -108,7 +120,9 @@ class PriorSampler(BaseSampler):
         space = SearchSpace(search_space, self._priors)
         if trial.number < self._startup:
             start = np.random.default_rng(self._seed)
-            return space.values(space.covering(self._startup, start)[trial.number])
+            is_uniform = trial.number % _UNIFORM_SHARE == _UNIFORM_SHARE - 1
+            covering = (SearchSpace(search_space, {}) if is_uniform else space).covering(self._startup, start)
+            return space.values(covering[trial.number])
         if len(complete) < 2:
             return space.values(space.from_prior(1, random)[0])
         ended = [each for each in trials if each.state.is_finished()]
@@ -116,6 +130,34 @@ class PriorSampler(BaseSampler):
         with threadpool_limits(1):  # the matrices are small: threads would cost more than they bring
             acquisition = self._acquisition(space, study, complete, ended, running, random)
             return space.values(_maximise(space, acquisition, complete, random))
+
+    def recommended(self, study: Study) -> FrozenTrial:
+        """Returns the trial with the best mean of the model: of noisy values, the best one has had luck.
+
+        :raises ValueError: the study has several objectives, or no trial is complete.
+        """
+        found = self.ranked(study)
+        if len(study.directions) > 1 or not found:
+            raise ValueError("expected one objective, and a trial that is complete")
+        return found[0]
+
+    def ranked(self, study: Study) -> list[FrozenTrial]:
+        """Returns the complete trials by the model's mean of the first objective, the best one first; feasible ones
+        come before others. Those that the model does not distinguish from the best one are ordered by their values.
+        """
+        complete = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
+        if len(complete) < 2:
+            return complete
+        distributions = {name: each for name, each in self._space.calculate(study).items() if not each.single()}
+        space = SearchSpace(distributions, {})
+        points, random = space.points(complete), np.random.default_rng(self._seed)
+        values, noise = _scalarised(study.directions[:1], complete, random)
+        with threadpool_limits(1):
+            model = fit_surrogate(points, values, random, nominal=space.nominal, noise=noise)
+            means, deviations = model.predict(points)
+        limit = min(mean + deviation for mean, deviation in zip(means, deviations, strict=True))
+        close = means <= limit
+        return [complete[i] for i in np.lexsort((np.where(close, values, means), ~close, ~_feasible(complete)))]
 
     def _acquisition(
         self,
@@ -127,34 +169,37 @@ class PriorSampler(BaseSampler):
         random: np.random.Generator,
     ) -> _Acquisition:
         observed = space.points(complete)
-        values = _scalarised(study.directions, complete, random)
-        feasible = np.array([all(value <= 0.0 for value in each.constraints.values()) for each in complete])
+        values, noise = _scalarised(study.directions, complete, random)
+        feasible = _feasible(complete)
         model: Surrogate | None = None
-        best = 0.0
+        best = strength = 0.0
         if feasible.any():
-            best = float(values[feasible].min())
             points = np.vstack([observed, space.points(running)]) if running else observed
-            known = np.concatenate([values, np.full(len(running), values.max())])
-            model = self._fit(space, points, known, random)
+            pending = np.zeros(len(running))
+            model = fit_surrogate(
+                points,
+                np.concatenate([values, pending + values.max()]),
+                random,
+                nominal=space.nominal,
+                noise=np.concatenate([noise, pending]),
+            )
+            best = float(model.predict(observed[feasible])[0].min())
+        if self._priors:
+            strength = self._beta / max(1, len(complete) - self._startup + 1)
+            if model is not None:
+                strength *= expit(_TRUST + model.log_support(space.log_prior(model.features)))
         limits = [
-            self._fit(space, observed, np.array([each.constraints[name] for each in complete]), random)
+            fit_surrogate(
+                observed, np.array([each.constraints[name] for each in complete]), random, nominal=space.nominal
+            )
             for name in sorted(set.intersection(*(set(each.constraints) for each in complete)))
         ]
         tried = [each for each in ended if each.state in (TrialState.COMPLETE, TrialState.FAIL)]
-        classifier = None
+        works = None
         if len(tried) > len(complete):
-            classifier = RandomForestClassifier(TREES, min_samples_leaf=2, random_state=int(random.integers(2**31)))
-            works = [each.state is TrialState.COMPLETE for each in tried]
-            classifier.fit(space.features(space.points(tried)), works)
-        return _Acquisition(space, model, best, limits, classifier, self._beta / len(complete))
-
-    def _fit(self, space: SearchSpace, points: Array, values: Array, random: np.random.Generator) -> Surrogate:
-        kind: SurrogateKind
-        if self._surrogate != "auto":
-            kind = self._surrogate
-        else:
-            kind = "gp" if len(points) <= MAX_GAUSSIAN_PROCESS and not space.has_nominal else "forest"
-        return fit_surrogate(kind, space.features(points), values, random)
+            ends = np.array([float(each.state is TrialState.COMPLETE) for each in tried])
+            works = fit_surrogate(space.points(tried), ends, random, nominal=space.nominal)
+        return _Acquisition(space, model, best, limits, works, strength)
 
 
 @dataclass(frozen=True)
@@ -162,32 +207,43 @@ class _Acquisition:
     """The logarithm of the acquisition: expected improvement, feasibility and prior.
 
     :param model: None if no trial is feasible: then only feasibility and prior count.
-    :param limits: models of the constraints, which hold at 0 or less.
-    :param classifier: of failed trials; None if none has failed.
+    :param best: the best mean of the model at a feasible trial.
+    :param limits: models of the constraints, which hold at 0 or less: to be kept with a margin, since the
+        optimum is often at a limit.
+    :param works: model of whether a trial has a result, 1 or 0; None if none has failed.
     """
 
     space: SearchSpace
     model: Surrogate | None
     best: float
     limits: Sequence[Surrogate]
-    classifier: Any
+    works: Surrogate | None
     strength: float
 
     def __call__(self, points: Array) -> Array:
-        features = self.space.features(points)
-        total = self.strength * self.space.log_prior(points)
+        total = np.zeros(len(points))
+        if self.strength:
+            total += self.strength * self.space.log_prior(points)
         if self.model is not None:
-            mean, deviation = self.model.predict(features)
-            z = (self.best - mean) / deviation
-            improvement = deviation * (z * norm.cdf(z) + norm.pdf(z))
-            total = total + np.log(np.maximum(improvement, 1e-30))
+            mean, deviation = self.model.predict(points)
+            total += np.log(deviation) + _log_improvement((self.best - mean) / deviation)
         for limit in self.limits:
-            mean, deviation = limit.predict(features)
-            total = total + norm.logcdf(-mean / deviation)
-        if self.classifier is not None:
-            column = list(self.classifier.classes_).index(True)
-            total = total + np.log(np.maximum(self.classifier.predict_proba(features)[:, column], 1e-3))
+            mean, deviation = limit.predict(points)
+            total += norm.logcdf(-mean / deviation - _MARGIN)
+        if self.works is not None:
+            total += np.log(np.clip(self.works.predict(points)[0], 1e-3, 1.0))
         return total
+
+
+def _log_improvement(z: Array) -> Array:
+    """Returns the logarithm of the expected improvement, relative to the deviation, also where it is tiny (Ament et
+    al., "Unexpected Improvements to Expected Improvement for Bayesian Optimization", 2023)."""
+    low = np.minimum(z, -1.0)
+    ratio = 1.0 + low * math.sqrt(math.pi / 2.0) * erfcx(-low / math.sqrt(2.0))
+    small = norm.logpdf(low) + np.where(low < -1e3, -2.0 * np.log(-low), np.log(np.maximum(ratio, 1e-12)))
+    high = np.maximum(z, -1.0)
+    found: Array = np.where(z < -1.0, small, np.log(high * norm.cdf(high) + norm.pdf(high)))
+    return found
 
 
 def _maximise(
@@ -204,27 +260,65 @@ def _maximise(
     if fresh:  # of a small discrete space all values may have been tried
         candidates = candidates[fresh]
     scores = acquisition(candidates)
-    for spread in (0.05, 0.01):
-        top = candidates[np.argsort(scores)[::-1][:_REFINED]]
+    for spread in _SPREADS:
+        order = np.argsort(scores)[::-1][:_REFINED]
+        top = candidates[order]
         refined = space.near(top, _AROUND, spread, random)
         refined = np.array([point for point in refined if tuple(point) not in seen] or top)
         candidates = np.vstack([top, refined])
-        scores = acquisition(candidates)
+        scores = np.concatenate([scores[order], acquisition(refined)])
     best: Array = candidates[int(np.argmax(scores))]
     return best
 
 
+def _feasible(trials: Sequence[FrozenTrial]) -> npt.NDArray[np.bool_]:
+    return np.array([all(value <= 0.0 for value in each.constraints.values()) for each in trials])
+
+
 def _scalarised(
     directions: Sequence[StudyDirection], trials: Sequence[FrozenTrial], random: np.random.Generator
-) -> Array:
-    """Returns one value per trial, to be minimised: with several objectives, at random weights."""
+) -> tuple[Array, Array]:
+    """Returns one value per trial, to be minimised, and the variance of its noise as far as it is known. Each objective
+    is warped; with several, they have random weights.
+
+    :param directions: of the first objectives, which count.
+    """
     signs = np.array([-1.0 if direction is StudyDirection.MAXIMIZE else 1.0 for direction in directions])
-    values = np.array([each.values for each in trials]) * signs
+    values = np.array([each.values[: len(directions)] for each in trials]) * signs
+    warped, slopes = map(np.column_stack, zip(*(_warped(column) for column in values.T), strict=True))
+    errors = _standard_errors(trials, len(directions)) * slopes
     if values.shape[1] == 1:
-        only: Array = values[:, 0]
-        return only
-    low, high = values.min(axis=0), values.max(axis=0)
-    normal = (values - low) / np.where(high > low, high - low, 1.0)
-    weighted = normal * random.dirichlet(np.ones(values.shape[1]))
+        return warped[:, 0], errors[:, 0] ** 2
+    low, high = warped.min(axis=0), warped.max(axis=0)
+    spread = np.where(high > low, high - low, 1.0)
+    weights = random.dirichlet(np.ones(values.shape[1]))
+    weighted = (warped - low) / spread * weights
     scalarised: Array = weighted.max(axis=1) + _AUGMENTATION * weighted.sum(axis=1)
-    return scalarised
+    noise: Array = ((errors / spread * weights) ** 2).max(axis=1)
+    return scalarised, noise
+
+
+def _standard_errors(trials: Sequence[FrozenTrial], count: int) -> Array:
+    """Returns the standard errors of the first values of trials, shape (n, count); 0 where they are not known."""
+    found = [each.user_attrs.get(REPETITIONS, (0, [0.0] * count)) for each in trials]
+    repetitions = np.array([[float(number)] for number, _ in found])
+    variances = np.array([values[:count] for _, values in found], dtype=float)
+    free = np.maximum(repetitions - 1.0, 0.0)
+    common = (free * variances).sum(axis=0) / max(1.0, float(free.sum()))
+    own = (_SHRINKAGE * common + free * variances) / (_SHRINKAGE + free)
+    errors: Array = np.where(repetitions > 0.0, np.sqrt(own / np.maximum(repetitions, 1.0)), 0.0)
+    return errors
+
+
+def _warped(values: Array) -> tuple[Array, Array]:
+    """Returns values that are closer to normal ones, in the same order (Yeo and Johnson, "A New Family of Power
+    Transformations to Improve Normality or Symmetry", 2000), and the slope of this map at each."""
+    spread = float(values.std())
+    if spread < 1e-12 * max(1.0, float(np.abs(values).max())):
+        return values, np.ones_like(values)
+    normal = (values - values.mean()) / spread
+    _, power = yeojohnson(normal)
+    power, step = float(np.clip(power, -3.0, 3.0)), 1e-4
+    warped: Array = yeojohnson(normal, power)
+    slopes: Array = (yeojohnson(normal + step, power) - yeojohnson(normal - step, power)) / (2.0 * step * spread)
+    return warped, slopes

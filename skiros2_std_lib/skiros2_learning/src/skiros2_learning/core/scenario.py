@@ -45,8 +45,8 @@ from skiros2_learning.core.sections import (
 from skiros2_learning.core.variables import Variable
 from skiros2_learning.core.variations import Feature, variation_problems
 
-Optimiser = Literal["prior", "tpe", "nsga2", "random", "qmc", "cmaes", "gp"]
-#: The samplers that a scenario may name; see `study.make_sampler`.
+Optimiser = Literal["prior", "tpe", "nsga2", "random", "qmc", "cmaes", "optuna-gp", "gp", "botorch"]
+#: The samplers that a scenario may name; see `samplers.make_sampler`; `gp` is the older name of `optuna-gp`.
 OPTIMISERS: tuple[Optimiser, ...] = get_args(Optimiser)
 #: The layout of the file.
 VERSION = 1

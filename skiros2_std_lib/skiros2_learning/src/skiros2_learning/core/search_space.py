@@ -75,8 +75,7 @@ class SearchSpace:
     def __init__(self, distributions: Mapping[str, BaseDistribution], priors: Mapping[str, Prior]) -> None:
         self._distributions = dict(sorted(distributions.items()))
         self._priors = [priors.get(name) for name in self._distributions]
-        self._nominal = [_is_nominal(distribution) for distribution in self._distributions.values()]
-        self.has_nominal = any(self._nominal)
+        self.nominal = [_is_nominal(distribution) for distribution in self._distributions.values()]
         self.dimensions = len(self._distributions)
         self._tables: dict[int, tuple[Array, Array]] = {}
 
@@ -97,22 +96,11 @@ class SearchSpace:
             [_round_units(distribution, points[:, i]) for i, distribution in enumerate(self._distributions.values())]
         )
 
-    def features(self, points: Array) -> Array:
-        """Returns the inputs of the surrogate: nominal variables with one number for each value."""
-        columns: list[Array] = []
-        for i, distribution in enumerate(self._distributions.values()):
-            if self._nominal[i]:
-                count = len(distribution.choices)  # type: ignore[attr-defined]
-                columns += [(points[:, i] == k).astype(float) for k in range(count)]
-            else:
-                columns.append(points[:, i])
-        return np.column_stack(columns)
-
     def uniform(self, count: int, random: np.random.Generator) -> Array:
         """Draws points without the prior."""
         points = random.random((count, self.dimensions))
         for i, distribution in enumerate(self._distributions.values()):
-            if self._nominal[i]:
+            if self.nominal[i]:
                 points[:, i] = random.integers(len(distribution.choices), size=count)  # type: ignore[attr-defined]
         return self.rounded(points)
 
@@ -156,7 +144,7 @@ class SearchSpace:
         centres = np.repeat(points, count, axis=0)
         moved = centres + random.normal(0.0, spread, centres.shape) * (random.random(centres.shape) < 0.7)
         for i, distribution in enumerate(self._distributions.values()):
-            if self._nominal[i]:
+            if self.nominal[i]:
                 other = random.integers(len(distribution.choices), size=len(centres))  # type: ignore[attr-defined]
                 keeps = random.random(len(centres)) > 1.0 / self.dimensions
                 moved[:, i] = np.where(keeps, centres[:, i], other)

@@ -7,7 +7,6 @@ evaluations are in the database instead, and several processes and machines may 
 from __future__ import annotations
 
 import fcntl
-import importlib.util
 import json
 import logging
 import os
@@ -17,25 +16,25 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
+from statistics import variance
 from typing import TypeVar
 
 import optuna
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
 from optuna.exceptions import ExperimentalWarning
-from optuna.samplers import BaseSampler
 from optuna.storages import RDBStorage
 from optuna.study import StudyDirection
 from optuna.trial import FrozenTrial, Trial, TrialState
 
-from skiros2_common.core.errors import ConfigurationError, MissingPackage, Refused, UnknownName
+from skiros2_common.core.errors import ConfigurationError, Refused, UnknownName
 from skiros2_common.core.yaml_text import read_yaml
 from skiros2_learning.core.evaluation import Evaluation, seed_of
-from skiros2_learning.core.prior_sampler import Choice, Kernels, Normal, PriorSampler
-from skiros2_learning.core.prior_sampler import Prior as SamplerPrior
+from skiros2_learning.core.prior_sampler import REPETITIONS
 from skiros2_learning.core.ranking import pareto_optimal, ranked
+from skiros2_learning.core.samplers import make_sampler
 from skiros2_learning.core.scenario import Scenario, load_scenario
 from skiros2_learning.core.storage import HEARTBEAT, StorageFailed, open_storage, public_name, repeat_stale, storing
-from skiros2_learning.core.variables import Gaussian, Samples, Value, Variable, Weights
+from skiros2_learning.core.variables import Value, Variable
 
 log = logging.getLogger(__name__)
 
@@ -45,7 +44,7 @@ SCENARIO_FILE, LOCK_FILE = "scenario.yaml", "lock"
 #: Results that could not be stored, one JSON object in each line; a file for each process.
 UNSAVED_FILES = "unsaved-*.jsonl"
 #: Optimisers whose random numbers depend on earlier ones: a resumed study must not draw the same ones again.
-_SAMPLERS_WITH_STATE = ("tpe", "nsga2", "random", "cmaes", "gp")
+_SAMPLERS_WITH_STATE = ("tpe", "nsga2", "random", "cmaes", "gp", "optuna-gp", "botorch")
 #: How long a database that does not answer is tried again (s), and how often.
 RECONNECT_TIMEOUT, _RECONNECT_PERIOD = 30.0, 1.0
 #: Parts of a scenario that may differ between the processes that run one study in a database.
@@ -250,7 +249,11 @@ class LearningStudy:
             return
         for name, violation in result.violations.items():
             trial.set_constraint(name, violation)
-        values = [result.objectives[objective.name] for objective in self.scenario.objectives]
+        names = [objective.name for objective in self.scenario.objectives]
+        values = [result.objectives[name] for name in names]
+        if (count := len(result.repetitions)) > 1:
+            variances = [variance(each.objectives[name] for each in result.repetitions) for name in names]
+            trial.set_user_attr(REPETITIONS, [count, variances])
         self.optuna.tell(trial, values, skip_if_finished=True)
 
     @property
@@ -364,51 +367,6 @@ def distribution_of(variable: Variable) -> BaseDistribution:
     if variable.kind == "integer":
         return IntDistribution(round(variable.low), round(variable.high))
     return CategoricalDistribution(variable.values)
-
-
-def prior_of(variable: Variable) -> SamplerPrior | None:
-    """Returns the prior of a variable for the sampler."""
-    if isinstance(variable.prior, Gaussian):
-        return Normal(variable.prior.mean, variable.prior.std)
-    if isinstance(variable.prior, Samples):
-        return Kernels(variable.prior.values, variable.prior.std)
-    if isinstance(variable.prior, Weights):
-        return Choice(dict(zip(variable.values, variable.prior.values, strict=True)))
-    return None
-
-
-def make_sampler(scenario: Scenario) -> BaseSampler:
-    """Returns the sampler that a scenario names.
-
-    :raises MissingPackage: it needs a package that is not installed.
-    """
-    seed, initial = scenario.seed, scenario.budget.initial
-    several = len(scenario.objectives) > 1
-    if scenario.optimiser == "prior":
-        priors = {v.name: prior for v in scenario.variables if (prior := prior_of(v)) is not None}
-        return PriorSampler(
-            priors, n_startup_trials=initial, beta=max(1.0, scenario.budget.evaluations / 10), seed=seed
-        )
-    if scenario.optimiser == "tpe":
-        return optuna.samplers.TPESampler(n_startup_trials=initial, multivariate=True, seed=seed)
-    if scenario.optimiser == "nsga2":
-        return optuna.samplers.NSGAIISampler(population_size=max(2, initial), seed=seed)
-    if scenario.optimiser == "qmc":
-        return optuna.samplers.QMCSampler(seed=seed)
-    if scenario.optimiser == "cmaes":
-        if several:
-            raise ConfigurationError("optimiser cmaes: expected one objective; take prior, tpe or nsga2 for several")
-        _need("cmaes", "cmaes")
-        return optuna.samplers.CmaEsSampler(n_startup_trials=initial, seed=seed)
-    if scenario.optimiser == "gp":
-        _need("gp", "torch")
-        return optuna.samplers.GPSampler(n_startup_trials=initial, seed=seed)
-    return optuna.samplers.RandomSampler(seed=seed)
-
-
-def _need(optimiser: str, package: str) -> None:
-    if importlib.util.find_spec(package) is None:
-        raise MissingPackage(f"optimiser {optimiser} needs the package {package}: pip install {package}")
 
 
 def _shared(scenario: Scenario) -> dict[str, object]:

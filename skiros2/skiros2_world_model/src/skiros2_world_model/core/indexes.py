@@ -7,6 +7,7 @@ from contextlib import suppress
 from functools import lru_cache
 from typing import Any
 
+from skiros2_common.core.element_content import RelationDict
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import LAST_ID_NUMBER, id_number
 from skiros2_common.core.property import Property, from_text
@@ -106,6 +107,42 @@ def _text_keys(text: str) -> frozenset[Hashable]:
         with suppress(WrongValue):
             keys.update(_keys(from_text(text, kind)))
     return frozenset(keys)
+
+
+class RelationCache:
+    """The relations of elements as dicts: of all elements with many relations, and of the others that were read last.
+
+    A read of an element would otherwise look up each predicate in both directions, at places in the memory that the
+    processor's cache does not hold in a large scene.
+    """
+
+    #: The number of relations of which an element has many.
+    MANY = 20
+    #: The maximum number of other elements; about 0.5 kB each.
+    KEPT = 10_000
+
+    def __init__(self) -> None:
+        self._many: dict[str, tuple[RelationDict, ...]] = {}
+        self._few: dict[str, tuple[RelationDict, ...]] = {}
+
+    def get(self, eid: str) -> tuple[RelationDict, ...] | None:
+        """The relations of an element; None: not known."""
+        return self._few.get(eid) or self._many.get(eid)
+
+    def put(self, eid: str, relations: tuple[RelationDict, ...]) -> tuple[RelationDict, ...]:
+        """Adds the relations of an element, and returns them."""
+        if len(relations) >= self.MANY:
+            self._many[eid] = relations
+        else:
+            if len(self._few) >= self.KEPT:
+                self._few.clear()
+            self._few[eid] = relations
+        return relations
+
+    def discard(self, eid: str) -> None:
+        """Removes an element whose relations have changed."""
+        self._few.pop(eid, None)
+        self._many.pop(eid, None)
 
 
 class IdNumbers:

@@ -120,9 +120,6 @@ _PLAIN_TEXT = re.compile(r"[\w .:+-]*", re.ASCII)
 _XSD_STRING = "http://www.w3.org/2001/XMLSchema#string"
 _RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
 
-#: Subject, predicate and object as Turtle writes them.
-WrittenStatement = tuple[str, str, str]
-
 
 def read_triples(path: Path) -> list[ox.Triple]:
     """Reads a Turtle or RDF/XML file. The content decides the format, not the extension.
@@ -179,7 +176,9 @@ def parse_n_triples(texts: Iterable[str]) -> list[ox.Triple]:
 def turtle(triples: Iterable[ox.Triple], prefixes: Mapping[str, str]) -> bytes:
     """Serializes triples as Turtle; see `TurtleWriter`."""
     writer = TurtleWriter(prefixes)
-    return writer.text(map(writer.statement, triples))
+    for triple in triples:
+        writer.add(triple)
+    return writer.text()
 
 
 def write_file(path: Path, content: bytes) -> None:
@@ -213,24 +212,29 @@ class TurtleWriter:
         self._prefixes = {namespace: prefix for prefix, namespace in prefixes.items() if prefix}
         self._nodes: dict[str, str] = {}
         self._used: set[str] = set()
+        self._described: dict[str, set[str]] = {}
 
-    def text(self, statements: Iterable[WrittenStatement]) -> bytes:
+    def statements_on(self, subject: str) -> set[str]:
+        """The statements on a subject, to add to: `predicate object`, or ` class` with a space before it.
+
+        A space sorts before all that predicates consist of: classes are the first, and `p:Size` is before `p:SizeX`.
+        """
+        return self._described.setdefault(subject, set())
+
+    def text(self) -> bytes:
         """Serializes the statements, without duplicates."""
-        described: dict[str, set[tuple[bool, str, str]]] = {}
-        for subject, predicate, obj in statements:
-            described.setdefault(subject, set()).add((predicate != "a", predicate, obj))
         paragraphs = []
-        for subject in sorted(described):
-            lines = [f"    {predicate} {obj} ;\n" for _, predicate, obj in sorted(described[subject])]
+        for subject in sorted(self._described):
+            lines = [f"    {'a' if s[0] == ' ' else ''}{s} ;\n" for s in sorted(self._described[subject])]
             paragraphs.append(f"{subject}\n{''.join(lines)}.\n")
         namespaces = {prefix: namespace for namespace, prefix in self._prefixes.items()}
         header = "".join(f"@prefix {prefix}: <{namespaces[prefix]}> .\n" for prefix in sorted(self._used))
         return "\n".join([header, *paragraphs] if header else paragraphs).encode()
 
-    def statement(self, triple: ox.Triple) -> WrittenStatement:
-        """Serializes a triple."""
+    def add(self, triple: ox.Triple) -> None:
+        """Adds a triple."""
         predicate = self.predicate(triple.predicate.value)
-        return self._term(triple.subject), predicate, self._term(triple.object)
+        self.statements_on(self._term(triple.subject)).add(f"{predicate} {self._term(triple.object)}")
 
     def node(self, iri: str) -> str:
         """Serializes an IRI."""
@@ -247,13 +251,17 @@ class TurtleWriter:
         return written
 
     def predicate(self, iri: str) -> str:
-        """Serializes the IRI of a predicate."""
-        return "a" if iri == _RDF_TYPE else self.node(iri)
+        """Serializes the IRI of a predicate; "" for that of classes."""
+        return "" if iri == _RDF_TYPE else self.node(iri)
 
     def literal(self, text: str, datatype: str) -> str:
         """Serializes a literal, given by its text and the IRI of its datatype."""
         quoted = f'"{text}"' if _PLAIN_TEXT.fullmatch(text) else str(ox.Literal(text))
-        return quoted if datatype == _XSD_STRING else f"{quoted}^^{self.node(datatype)}"
+        return quoted + self.datatype(datatype)
+
+    def datatype(self, iri: str) -> str:
+        """Serializes the datatype of a literal."""
+        return "" if iri == _XSD_STRING else f"^^{self.node(iri)}"
 
     def _term(self, term: Any) -> str:
         if isinstance(term, ox.NamedNode):

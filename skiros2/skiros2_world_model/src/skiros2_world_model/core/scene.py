@@ -16,15 +16,12 @@ from skiros2_common.core.element_content import relation_dict
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_common.core.world_model_port import Revisions
-from skiros2_world_model.core.indexes import IdIndex, IdNumbers, PropertyPool, ValueIndex
+from skiros2_world_model.core.indexes import IdIndex, IdNumbers, PropertyPool, RelationCache, ValueIndex
 
 __all__ = ["ROOT", "ChangeInfo", "ElementRecord", "Scene"]
 
 #: The id of the root element.
 ROOT = "skiros:Scene-0"
-
-#: Relation dicts are cached for elements with at least this number of relations.
-_CACHED_RELATIONS = 20
 
 #: The number of removed elements that a scene remembers; the oldest are dropped first.
 _MAX_REMOVALS = 10_000
@@ -50,7 +47,7 @@ class Scene:
         self._by_value: dict[str, ValueIndex] = {}  # by property, built on first use
         self._numbers = IdNumbers()
         self._pool = PropertyPool()
-        self._relation_cache: dict[str, tuple[RelationDict, ...]] = {}
+        self._relation_cache = RelationCache()
         self._changes: ChangeSet | None = None  # of the current transaction; None outside transactions
         self._removals: dict[str, ChangeInfo] = {}
 
@@ -145,7 +142,7 @@ class Scene:
     def relations_of(self, eid: str) -> tuple[RelationDict, ...]:
         """The outgoing and incoming relations of an element as dicts; "-1" stands for the element itself."""
         cached = self._relation_cache.get(eid)
-        if cached is not None:
+        if cached:
             return cached
         relations: list[RelationDict] = []
         for pred, index in self._out.items():
@@ -158,9 +155,7 @@ class Scene:
             if found is not None:
                 for src in (found,) if isinstance(found, str) else found:
                     relations.append(relation_dict(src, pred, "-1"))
-        if len(relations) >= _CACHED_RELATIONS:
-            self._relation_cache[eid] = tuple(relations)
-        return tuple(relations)
+        return self._relation_cache.put(eid, tuple(relations))
 
     def related(self, src: str, pred: str, dst: str) -> bool:
         """Whether this relation is stated; subproperties do not count."""
@@ -310,7 +305,7 @@ class Scene:
                 index.add(eid, new.values if new is not None else ())
         if record is None:
             del self._records[eid]
-            self._relation_cache.pop(eid, None)
+            self._relation_cache.discard(eid)
             self._numbers.count(eid, -1)
         else:
             self._records[eid] = record
@@ -324,8 +319,8 @@ class Scene:
             self.unsynced.put(eid, before, record)
 
     def _record_relation(self, relation: Relation, added: bool) -> None:
-        self._relation_cache.pop(relation[0], None)
-        self._relation_cache.pop(relation[2], None)
+        self._relation_cache.discard(relation[0])
+        self._relation_cache.discard(relation[2])
         if self._changes is not None:
             self._changes.relate(relation, added)
         if self.unsynced is not None:

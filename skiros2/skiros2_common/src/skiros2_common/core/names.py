@@ -82,6 +82,7 @@ def id_number(eid: str) -> int:
     return int(number) if dash and number.isascii() and number.isdigit() and len(number) <= 18 else -1
 
 
+@lru_cache(maxsize=20_000)
 def id_order(eid: str) -> tuple[str, int]:
     """The key that sorts ids by class and number: `skiros:Part-9` before `skiros:Part-10`."""
     number = id_number(eid)

@@ -164,14 +164,18 @@ class ConditionProperty(_OfProperty):
         return element is not None and element.value_of(self.property) is not None
 
     def satisfied_by(self, element: Element) -> bool:
-        if self._operator != "=" and element.value_of(self.property) is None:
-            return False
-        return self.holds_for(element) == self._desired_state
+        if self._operator == "=":
+            return self.holds_for(element) == self._desired_state
+        value = element.value_of(self.property)
+        return value is not None and self._compares(value) == self._desired_state
 
     def holds_for(self, element: Element) -> bool:
         if self._operator == "=":
             return element.hasProperty(self.property, self._value)
-        value = element.value_of(self.property)
+        return self._compares(element.value_of(self.property))
+
+    def _compares(self, value: Any) -> bool:
+        """Whether the comparison holds for a value."""
         operator = OPERATORS[self._operator]
         try:
             return bool(operator(float(value), float(self._value)))

@@ -32,6 +32,8 @@ def matching_ids(scene: Scene, ontology: Ontology, wanted: Element) -> list[str]
         groups = [scene.of_label(wanted.label)]
     else:
         groups = [scene.of_type(t) for t in scene.types() if any_type or t in types]
+    if not wanted.label and not values:
+        return list(chain.from_iterable(groups))
     found: dict[str, None] = {}
     for eid in chain.from_iterable(_fewest(scene, groups, values)):
         record = scene.record(eid)

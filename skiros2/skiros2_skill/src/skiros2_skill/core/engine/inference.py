@@ -75,6 +75,8 @@ class Search:
             (c for c in conditions if not self.patterns.keys().isdisjoint(c.getKeys())), key=lambda c: c.cost
         )
         self._keys = {id(c): frozenset(c.getKeys()) for c in self.conditions}
+        #: The conditions on several unset parameters.
+        self._joint = {number for number, keys in self._keys.items() if len(keys & self.patterns.keys()) > 1}
         self._preferred = preferred
         self._first = first or {}
         self._known: dict[str, list[Element]] = {}
@@ -162,7 +164,7 @@ class Search:
 
     def satisfies(self, condition: ConditionBase, key: str, candidate: Element) -> bool:
         """Same as `holds`; the result of a condition on one unset parameter is cached."""
-        if len(self._keys[id(condition)] & self.patterns.keys()) > 1:
+        if id(condition) in self._joint:
             return self.holds(condition, key, candidate)
         satisfied = condition.satisfied_by(candidate)  # which was read just now
         if satisfied is not None:
@@ -248,7 +250,8 @@ class Search:
 
     def ordered(self, elements: Iterable[Element]) -> list[Element]:
         """Sorts elements in the order in which they are tried."""
-        return sorted(elements, key=lambda e: (e.id not in self._preferred, id_order(e.id)))
+        by_id = sorted(elements, key=lambda e: id_order(e.id))
+        return sorted(by_id, key=lambda e: e.id not in self._preferred) if self._preferred else by_id
 
 
 #: How many candidates are compared to find near matches.

@@ -86,7 +86,7 @@ class ProgressPublisher:
         :returns: the `SkillProgress` of each node, parents before children; [] when nobody needs it.
         """
         entries = task.evidence.take()
-        if entries:
+        if entries or (task.evidence.is_on and task.ended.is_set()):  # also of a task that has not started
             self._evidence.publish(evidence_json(task.id, entries))
         has_subscribers = self._publisher.get_num_connections() > 0
         progress = self.nodes(task) if has_subscribers or needed else []

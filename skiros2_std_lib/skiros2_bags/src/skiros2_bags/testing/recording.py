@@ -300,14 +300,14 @@ class RecordedTask:
     :param progress: the messages with its ticks, oldest first.
     :param goal: the request; None for a request by service, which bags do not contain.
     :param begin: order of the first message that the task may have caused.
-    :param evidence: what the engine has done with it; empty if that was not recorded.
+    :param evidence: what the engine has done with it; None if that was not recorded.
     """
 
     run: TaskRun
     progress: list[TaskProgress] = field(default_factory=list)
     goal: ActionMessage | None = None
     begin: int = 0
-    evidence: list[Entry] = field(default_factory=list)
+    evidence: list[Entry] | None = None
 
     @property
     def manager(self) -> str:
@@ -345,7 +345,7 @@ def recorded_tasks(recording: Events) -> list[RecordedTask]:
         latest = [t for t in tasks if (t.manager, t.run.task_id) == (event.manager, event.task_id)
                   and t.progress[0].time - _MAX_START_DELAY <= event.time]  # fmt: skip
         if latest:
-            latest[-1].evidence += event.entries
+            latest[-1].evidence = [*(latest[-1].evidence or ()), *event.entries]
     return tasks
 
 

@@ -290,7 +290,7 @@ class RerunPass:
     def not_compared(self) -> tuple[str, ...]:
         """See `ReplayResult.not_compared`."""
         found = [line for name, m in self.managers.items() for line in m.not_compared(self._used[name])]
-        if not all(run.evidence for run in self._runs.values()):
+        if any(run.evidence is None for run in self._runs.values()):
             found.append(
                 "which conditions are evaluated, which hooks are called, with what values skills start: the recording "
                 "does not have it; record the run again with --evidence"

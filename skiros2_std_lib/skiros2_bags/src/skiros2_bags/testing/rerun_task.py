@@ -220,8 +220,8 @@ class RerunTask:
         self._task = Task(run.run.task_id, manager.wmi, run.manager, signals=manager.signals)
         self._task.root.params.addParam("Robot", manager.robot, ParamTypes.Inferred, "The manager's robot")
         self._task.root(*nodes)
-        self._task.evidence.is_on = bool(run.evidence)
-        self._evidence = RecordedEvidence(run.evidence, tolerance)
+        self._task.evidence.is_on = run.evidence is not None
+        self._evidence = RecordedEvidence(run.evidence or (), tolerance)
 
     def preempt(self) -> None:
         """Requests preemption of the task."""

@@ -11,14 +11,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import genpy
-import roslib.message
-
 from skiros2_bags.core.bag_file import MONITOR, PROGRESS, BagError, Message
 from skiros2_bags.core.bag_writer import DECLARATIONS, EVIDENCE, PARAMETERS
 from skiros2_bags.core.run import Run, add_progress
 from skiros2_bags.core.world_history import read_change
-from skiros2_common.core.errors import WrongValue
+from skiros2_bags.testing.ros_messages import ros_message
 from skiros2_common.core.operations import Change
 from skiros2_common.core.signals import TOPIC
 from skiros2_runs.core.frame import Frame, NodeProgress
@@ -206,7 +203,7 @@ def _events(order: int, message: Message, runs: Runs, signals: set[str]) -> Iter
         signals.update(f"/{str(e.value_of(TOPIC)).lstrip('/')}" for e in change.elements if e.hasProperty(TOPIC))
         yield WorldChange(order, time, change)
     elif topic in signals:
-        yield SignalMessage(order, time, topic, _ros_message(message))
+        yield SignalMessage(order, time, topic, ros_message(message))
     elif kind == "rosgraph_msgs/Clock":
         clock = message.content.clock
         yield ClockTick(order, time, clock.sec + clock.nanosec / 1e9)
@@ -224,7 +221,7 @@ def _events(order: int, message: Message, runs: Runs, signals: set[str]) -> Iter
     else:
         action, _, part = topic.rpartition("/")
         if part in _PARTS and kind.endswith(f"Action{_PARTS[part]}"):
-            yield _action_message(Event(order, time), action, part, _ros_message(message), message.caller)
+            yield _action_message(Event(order, time), action, part, ros_message(message), message.caller)
 
 
 def _evidence(at: Event, message: Message) -> EvidenceEntries:
@@ -241,31 +238,6 @@ def _parameters(message: Message) -> dict[str, Any]:
         return _flat(json.loads(message.content.data))
     except (ValueError, RecursionError) as error:
         raise BagError(f"{message.topic} at {message.time:.3f} s: expected parameters as JSON: {error}") from error
-
-
-def _ros_message(message: Message) -> Any:
-    """Returns the message as an object of its ROS class.
-
-    :raises BagError: this system has no such class.
-    """
-    try:
-        return _message_class(message.type, message.md5)().deserialize(message.data)
-    except (WrongValue, genpy.DeserializationError) as error:
-        raise BagError(f"{message.topic} at {message.time:.3f} s: {error}") from error
-
-
-@functools.cache
-def _message_class(name: str, digest: str) -> Any:
-    """Returns the class of a message.
-
-    :raises WrongValue: it does not exist, or has another md5 sum.
-    """
-    found = roslib.message.get_message_class(name)
-    if found is None:
-        raise WrongValue(f"there is no message {name} on this system; expected its package to be built")
-    if found._md5sum != digest:
-        raise WrongValue(f"{name} was recorded with the md5 sum {digest}, here it has {found._md5sum}")
-    return found
 
 
 def _action_message(at: Event, action: str, part: str, message: Any, caller: str) -> ActionMessage:

@@ -217,7 +217,8 @@ class RerunTask:
             nodes = make_nodes(_requests(run), manager.library, manager.wmi)
         except Refused as error:
             nodes, self._rejection = [], str(error)
-        self._task = Task(run.run.task_id, manager.wmi, run.manager, signals=manager.signals)
+        goal = run.goal.content.goal if run.goal is not None else ""
+        self._task = Task(run.run.task_id, manager.wmi, run.manager, signals=manager.signals, goal=goal)
         self._task.root.params.addParam("Robot", manager.robot, ParamTypes.Inferred, "The manager's robot")
         self._task.root(*nodes)
         self._task.evidence.is_on = run.evidence is not None

@@ -12,6 +12,7 @@ import pytest
 from skiros2_common.core.errors import Conflict, Refused, UnknownName
 from skiros2_gateway.core import job_control
 from skiros2_gateway.core.job import ALLOWED, FOLLOWING, Method, State, Substate, read_order
+from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.problems import Rejected
 from support.stand_in_cell import ROBOT
 
@@ -362,5 +363,30 @@ def test_response_is_completed_although_the_cell_cannot_be_read(
         assert (gateway.state("a"), job.response.notes) == (
             "Ended/Closed", ["the changes are unknown: connection reset"]
         )  # fmt: skip
+
+    in_gateway(test)
+
+
+def test_texts_and_the_queue_of_open_jobs_follow_each_change(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        def check() -> None:
+            jobs = gateway.control.open_jobs
+            assert gateway.control.jobs.texts() == [json_text(job.to_dict()) for job in jobs]
+            assert len(gateway.control.jobs) == len(jobs)
+
+        await gateway.put("a")
+        await gateway.put("b", start=False)
+        await gateway.put("c", priority=3)
+        check()
+        for goal in ("a", "c"):
+            gateway.cell.run(goal)
+            check()
+            gateway.restart()
+            gateway.cell.end(goal)
+            await gateway.collected(goal)
+            check()
+        for method in (Method.START, Method.ABORT):
+            gateway.control.apply(method, "b", "test")
+            check()
 
     in_gateway(test)

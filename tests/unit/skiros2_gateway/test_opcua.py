@@ -281,7 +281,7 @@ def test_stored_number_of_any_size_is_shown(in_server: Run) -> None:
             await mes.load()
             job = await gateway.put("huge", start=False)
             job.order = job.order.model_copy(update={"parameters": {"P": 10**40, "R": math.nan}})
-            gateway.control._jobs.save(job, "test", "test")
+            gateway.control.jobs.save(job, "test", "test")
             await gateway.put("after", start=False)
             orders = await (await mes.object("JobOrderReceiver")).get_child(f"{mes.index}:JobOrderList")
             while not {"huge", "after"} <= {each.JobOrder.JobOrderID for each in await orders.read_value() or []}:

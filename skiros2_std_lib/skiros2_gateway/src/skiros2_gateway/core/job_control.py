@@ -49,7 +49,8 @@ class JobControl:
         self.events = events
         self._clock = clock
         self._cell: Cell | None = None
-        self._jobs = OpenJobs(store, events)
+        #: To be read only.
+        self.jobs = OpenJobs(store, events)
         self._sequence = store.next_sequence()
         self._timer: asyncio.TimerHandle | None = None
         self._tasks: set[asyncio.Task[None]] = set()
@@ -66,7 +67,7 @@ class JobControl:
     def start(self, cell: Cell) -> None:
         """Continues with the jobs of the store."""
         self._cell = cell
-        for job in self._jobs:
+        for job in self.jobs:
             if job.state in FINAL:
                 self._collect(job)
             elif job.is_in_cell:
@@ -80,7 +81,7 @@ class JobControl:
         """Ends the background tasks. The jobs stay as they are."""
         if self._timer is not None:
             self._timer.cancel()
-        self._jobs.close()
+        self.jobs.close()
         for task in self._tasks:
             task.cancel()
         self._cell = None
@@ -90,17 +91,16 @@ class JobControl:
     @property
     def open_jobs(self) -> list[Job]:
         """The jobs that have not ended, in the order in which they would start; those that run come first."""
-        waiting = [job for job in self._jobs if job.state not in FINAL]
-        return sorted(waiting, key=lambda job: (not job.is_in_cell, job.state is State.NOT_ALLOWED_TO_START, job.rank))
+        return self.jobs.ordered()
 
     def get(self, job_id: str) -> Job:
         """Returns a job, also a cleared one.
 
         :raises UnknownName: there is no such job.
         """
-        job = self._jobs.find(job_id)
+        job = self.jobs.find(job_id)
         if job is None:
-            near = ", ".join(nearest(job_id, self._jobs.ids())) or "none"
+            near = ", ".join(nearest(job_id, self.jobs.ids())) or "none"
             raise UnknownName(f"there is no job {job_id!r}; near: {near}")
         return job
 
@@ -131,10 +131,10 @@ class JobControl:
         state = State.ALLOWED_TO_START if start else State.NOT_ALLOWED_TO_START
         job = Job(order, goal, self._sequence, now, now, state, author=author, robots=robots, approved=approved)
         job.substate = job.substate_before_start(now)
-        self._jobs.save(job, author, Method.STORE_AND_START if start else Method.STORE, comment)
+        self.jobs.save(job, author, Method.STORE_AND_START if start else Method.STORE, comment)
         self._sequence += 1
         self._dispatch()
-        return self._jobs.open(job.id) or job, True
+        return self.jobs.open(job.id) or job, True
 
     async def check(self, order: Order) -> str:
         """Returns the goal of an order.
@@ -165,9 +165,9 @@ class JobControl:
         job.approved = None  # it is the order of whoever has changed it
         job.order, job.goal, job.robots, job.changed = order, goal, self.masters.robots_of(order), now
         job.substate = job.substate_before_start(now)
-        self._jobs.save(job, author, Method.UPDATE, comment)
+        self.jobs.save(job, author, Method.UPDATE, comment)
         self._dispatch()
-        return self._jobs.open(job.id) or job
+        return self.jobs.open(job.id) or job
 
     def apply(self, method: Method, job_id: str, author: str, comment: str = "") -> Job:
         """Applies a method to a job. Pause, Resume, Stop and Abort of a running job take effect later.
@@ -186,7 +186,7 @@ class JobControl:
         if stops and in_cell is not None:
             in_cell(job.id)  # robots stop, whatever the disk does
         try:
-            self._jobs.save(job, author, method, comment)
+            self.jobs.save(job, author, method, comment)
         except StoreFailed:
             if not stops:
                 raise
@@ -194,7 +194,7 @@ class JobControl:
         if in_cell is not None and not stops:
             in_cell(job.id)
         self._dispatch()
-        return self._jobs.open(job.id) or job
+        return self.jobs.open(job.id) or job
 
     # -- a listener of the cell --------------------------------------------------------------------------------
 
@@ -203,7 +203,7 @@ class JobControl:
         self._dispatch()
 
     def goal_accepted(self, goal_id: str) -> None:
-        job = self._jobs.open(goal_id)
+        job = self.jobs.open(goal_id)
         if job is not None and job.substate is Substate.LOADED:
             job.response.started = now = self._clock()
             job.change(State.RUNNING, Substate.NONE, now)
@@ -211,7 +211,7 @@ class JobControl:
 
     def goal_progress(self, goal_id: str, progress: Progress) -> None:
         self.goal_accepted(goal_id)
-        job = self._jobs.open(goal_id)
+        job = self.jobs.open(goal_id)
         if job is None or not job.is_in_cell:
             return
         response = job.response
@@ -219,7 +219,7 @@ class JobControl:
         response.plan, response.steps = progress.plan, progress.steps
         response.robots = sorted({*response.robots, *(step["robot"] for step in progress.steps)})
         job.changed = self._clock()
-        self._jobs.update(job)
+        self.jobs.update(job)
         others = set(response.robots) - set(job.robots)
         if job.robots and others and not job.wanted:
             job.wanted = Method.ABORT
@@ -229,7 +229,7 @@ class JobControl:
             self._note(job, GATEWAY, Method.ABORT, text)
 
     def goal_suspended(self, goal_id: str, reason: str) -> None:
-        job = self._jobs.open(goal_id)
+        job = self.jobs.open(goal_id)
         if job is None or job.wanted:
             return
         if reason and job.state is State.RUNNING:
@@ -242,7 +242,7 @@ class JobControl:
     def goal_ended(self, goal_id: str, ending: Ending) -> None:
         if ending.outcome not in (LOST, UNKNOWN):
             self.goal_accepted(goal_id)
-        job = self._jobs.open(goal_id)
+        job = self.jobs.open(goal_id)
         if job is None or not job.is_in_cell:
             return
         if ending.outcome == UNKNOWN:
@@ -271,38 +271,37 @@ class JobControl:
         if self._cell is None:
             return
         try:
-            self._jobs.write_unwritten()
+            self.jobs.write_unwritten()
         except StoreFailed as error:
             log.error("no job starts: %s", error)
             self._retry()
             return
         now = self._clock()
-        allowed = [job for job in self._jobs if job.state is State.ALLOWED_TO_START and not job.is_in_cell]
-        later = [job.earliest for job in allowed if job.earliest > now]
-        if later:
-            self._retry(min(_CLOCK_CHECK_PERIOD, max(0.01, min(later) - now)))
+        later = self.jobs.next_start(now)
+        if later is not None:
+            self._retry(min(_CLOCK_CHECK_PERIOD, max(0.01, later - now)))
         if not self._cell.is_ready:
-            if allowed:  # the cell reports changes between its looks only, and may be ready at the next one
+            if self.jobs.has_queue:  # the cell reports changes between its looks only, and may be ready at the next one
                 self._retry()
             return
-        running = sum(job.is_in_cell for job in self._jobs)
-        for job in sorted(allowed, key=lambda job: job.rank):
+        for job in self.jobs.queue:
             urgent = job.order.priority >= self._cell.interrupt_priority
-            if job.earliest <= now and (running < self._cell.capacity or urgent):
+            if self.jobs.in_cell >= self._cell.capacity and not urgent:
+                return  # nor does one of those that follow
+            if job.earliest <= now:
                 loaded = job.copy()
                 loaded.change(State.ALLOWED_TO_START, Substate.LOADED, now)
                 loaded.response.first_change = self._cell.revision
                 try:
-                    self._jobs.save(loaded, GATEWAY, "loaded")
+                    self.jobs.save(loaded, GATEWAY, "loaded")
                 except StoreFailed as error:
                     log.error("job %s does not start: %s", job.id, error)
                     self._retry()
                     return
                 self._cell.start(_goal_of(loaded))
-                running += 1
 
     def _note(self, job: Job, author: str, method: str, comment: str = "") -> None:
-        if not self._jobs.note(job, author, method, comment):
+        if not self.jobs.note(job, author, method, comment):
             self._retry()
 
     def _retry(self, delay: float = _RETRY) -> None:
@@ -313,7 +312,7 @@ class JobControl:
 
     def find(self, order: Order) -> Job | None:
         """Returns the job of an order, or None; raises `Conflict` if another order has its id."""
-        known = self._jobs.find(order.id)
+        known = self.jobs.find(order.id)
         if known is not None and known.order.digest != order.digest:
             raise Conflict(f"job {order.id} exists with different content; Update it, or use another id")
         return known
@@ -325,7 +324,7 @@ class JobControl:
 
     async def _collected(self, job: Job) -> None:
         found = await _collect(self.cell, self.masters, job, self._clock())
-        job = self._jobs.open(job.id) or job  # it may have been cleared meanwhile
+        job = self.jobs.open(job.id) or job  # it may have been cleared meanwhile
         response = job.response
         response.changes, response.quality, response.collected = found.changes, found.quality, True
         response.notes = [*response.notes, *found.notes]

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
+from bisect import bisect_left, insort
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 from skiros2_gateway.core.events import EventStream
-from skiros2_gateway.core.job import FINAL, Job
+from skiros2_gateway.core.job import FINAL, Job, State
+from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.problems import StoreFailed
 from skiros2_gateway.core.store import JobStore
 
@@ -16,6 +19,9 @@ log = logging.getLogger(__name__)
 
 #: The longest delay of writing the progress of jobs (s).
 _PROGRESS_PERIOD = 1.0
+
+
+Rank = tuple[int, float, int]
 
 
 @dataclass(frozen=True)
@@ -38,7 +44,14 @@ class OpenJobs:
     def __init__(self, store: JobStore, events: EventStream) -> None:
         self._store = store
         self._events = events
-        self._jobs = {job.id: job for job in store.open_jobs()}
+        self._jobs: dict[str, Job] = {}
+        self._texts: dict[str, str] = {}  # JSON by id, of jobs that have not changed since it was made
+        self._queue: list[tuple[Rank, str]] = []  # those that may start, in the order of starting
+        self._timed: dict[str, float] = {}  # the earliest start of those of the queue that have one
+        self._in_cell: set[str] = set()
+        for text in store.open_jobs():
+            self._add(job := Job.from_dict(json.loads(text)))
+            self._texts[job.id] = text
         self._unwritten: list[_Unwritten] = []
         self._progressed: dict[str, Job] = {}  # by id, what is not written yet
         self._timer: asyncio.TimerHandle | None = None
@@ -46,6 +59,42 @@ class OpenJobs:
     def __iter__(self) -> Iterator[Job]:
         """The jobs as they are, to be read only."""
         return iter(list(self._jobs.values()))
+
+    def __len__(self) -> int:
+        return len(self._jobs)
+
+    @property
+    def in_cell(self) -> int:
+        """The number of jobs whose goal was sent to the cell and has not ended."""
+        return len(self._in_cell)
+
+    @property
+    def queue(self) -> Iterator[Job]:
+        """The jobs that may start, in the order of starting, whatever their earliest start."""
+        return (self._jobs[job_id] for _, job_id in list(self._queue))
+
+    @property
+    def has_queue(self) -> bool:
+        """Whether a job may start."""
+        return bool(self._queue)
+
+    def ordered(self) -> list[Job]:
+        """Returns the jobs that have not ended, in the order of starting; those that run come first."""
+        waiting = [job for job in self._jobs.values() if job.state not in FINAL]
+        return sorted(waiting, key=lambda job: (not job.is_in_cell, job.state is State.NOT_ALLOWED_TO_START, job.rank))
+
+    def next_start(self, now: float) -> float | None:
+        """Returns the next earliest start in the queue after a time; None: there is none."""
+        return min((start for start in self._timed.values() if start > now), default=None)
+
+    def texts(self) -> list[str]:
+        """Returns the jobs of `ordered` as JSON; see `Job.to_dict`."""
+        return [self._text(job.id) for job in self.ordered()]
+
+    def _text(self, job_id: str) -> str:
+        if job_id not in self._texts:
+            self._texts[job_id] = json_text(self._jobs[job_id].to_dict())
+        return self._texts[job_id]
 
     def ids(self) -> list[str]:
         return list(self._jobs)
@@ -65,8 +114,10 @@ class OpenJobs:
         :raises StoreFailed: the job is unchanged, in memory and in the store.
         """
         self.write_unwritten()
-        self._store.save(job, author, method, comment)
+        text = self._store.save(job, author, method, comment)
         self._set(job)
+        if job.id in self._jobs:
+            self._texts[job.id] = text
 
     def update(self, job: Job) -> None:
         """Notes the progress of a job, which is written within `_PROGRESS_PERIOD`."""
@@ -111,8 +162,24 @@ class OpenJobs:
 
     def _set(self, job: Job) -> None:
         self._progressed.pop(job.id, None)  # is written with the rest of the job
-        if job.state in FINAL and job.response.collected:
-            self._jobs.pop(job.id, None)
-        else:
-            self._jobs[job.id] = job
+        self._remove(job.id)
+        if job.state not in FINAL or not job.response.collected:
+            self._add(job)
         self._events.publish("job", job.to_dict())
+
+    def _add(self, job: Job) -> None:
+        self._jobs[job.id] = job
+        if job.is_in_cell:
+            self._in_cell.add(job.id)
+        elif job.state is State.ALLOWED_TO_START:
+            insort(self._queue, (job.rank, job.id))
+            if job.earliest:
+                self._timed[job.id] = job.earliest
+
+    def _remove(self, job_id: str) -> None:
+        self._texts.pop(job_id, None)
+        self._timed.pop(job_id, None)
+        self._in_cell.discard(job_id)
+        job = self._jobs.pop(job_id, None)
+        if job is not None and job.state is State.ALLOWED_TO_START and not job.is_in_cell:
+            del self._queue[bisect_left(self._queue, (job.rank, job_id))]

@@ -200,11 +200,12 @@ class Service:
             self._waiting[user, what] -= 1
 
     def state(self, caller: Caller) -> dict[str, Any]:
-        """Returns the state of the cell as JSON data: see `GET /api/state` in `skiros2_gateway.http.app`."""
+        """Returns the state of the cell as JSON data, without `jobs`: see `GET /api/state` in
+        `skiros2_gateway.http.app`.
+        """
         self.view(caller)
         return {
             "event": self.events.last_id,
-            "jobs": [job.to_dict() for job in self.control.open_jobs],
             "counts": self.store.counts(),
             "viewers": self.events.viewers,
             "role": caller.role.name.lower(),

@@ -147,19 +147,20 @@ class JobStore:
         """Returns the number for the next job."""
         return int(self._read("SELECT COALESCE(MAX(sequence), 0) + 1 FROM jobs")[0][0])
 
-    def save(self, job: Job, author: str, method: str, comment: str = "") -> None:
-        """Writes a new or changed job, and an entry of its history.
+    def save(self, job: Job, author: str, method: str, comment: str = "") -> str:
+        """Writes a new or changed job, and an entry of its history. Returns the job as JSON.
 
         :param author: the client or the part of the gateway that changed it.
         :param method: the ISA-95 method, or what happened in the cell.
         """
         with self._transaction() as db:
-            _write_job(db, job)
+            text = _write_job(db, job)
             db.execute(
                 "INSERT INTO job_events (job, time, author, method, state, substate, comment)"
                 " VALUES (?, ?, ?, ?, ?, ?, ?)",
                 (job.id, job.changed, author, method, job.state, job.substate, comment),
             )
+        return text
 
     def save_progress(self, jobs: Sequence[Job]) -> None:
         """Writes changed jobs without waiting for the disk: a power failure may lose the change, the end of the process
@@ -174,10 +175,11 @@ class JobStore:
         rows = self._read("SELECT document FROM jobs WHERE id = ?", job_id)
         return Job.from_dict(json.loads(rows[0][0])) if rows else None
 
-    def open_jobs(self) -> list[Job]:
-        """Returns the jobs that have not ended, or whose response is incomplete, in the order of their numbers."""
-        rows = self._read("SELECT document FROM jobs WHERE is_open = 1 ORDER BY sequence")
-        return [Job.from_dict(json.loads(document)) for (document,) in rows]
+    def open_jobs(self) -> list[str]:
+        """Returns the jobs that have not ended, or whose response is incomplete, as JSON in the order of their
+        numbers.
+        """
+        return [text for (text,) in self._read("SELECT document FROM jobs WHERE is_open = 1 ORDER BY sequence")]
 
     def jobs(self, wanted: JobFilter | None = None, limit: int = 1000) -> Iterator[Job]:
         """Returns jobs, the newest first."""
@@ -186,6 +188,12 @@ class JobStore:
             f"SELECT document FROM jobs WHERE {conditions} ORDER BY sequence DESC LIMIT ?", *values, limit
         )
         return (Job.from_dict(json.loads(document)) for (document,) in rows)
+
+    def pages(self, wanted: JobFilter, limit: int) -> list[tuple[int, str]]:
+        """Returns numbers and JSON texts (as of `Job.to_dict`) of jobs, the newest first."""
+        conditions, values = wanted.sql()
+        query = f"SELECT sequence, document FROM jobs WHERE {conditions} ORDER BY sequence DESC LIMIT ?"
+        return self._read(query, *values, limit)
 
     def jobs_after(self, number: int, limit: int) -> list[Job]:
         """Returns jobs in the list with a higher number, the oldest first."""
@@ -248,8 +256,10 @@ class JobStore:
     # -- the audit log -----------------------------------------------------------------------------------------
 
     def audit(self, entry: Mapping[str, Any]) -> None:
-        """Writes an entry with the keys `time`, `user`, `way`, `action`, `object` and `outcome`."""
-        with self._transaction() as db:
+        """Writes an entry with the keys `time`, `user`, `way`, `action`, `object` and `outcome`. A power failure may
+        lose the last ones.
+        """
+        with self._transaction("NORMAL") as db:
             db.execute(
                 "INSERT INTO audit (time, user, way, action, object, outcome)"
                 " VALUES (:time, :user, :way, :action, :object, :outcome)",
@@ -365,10 +375,10 @@ class JobStore:
             raise StoreFailed(f"the job store cannot be written: {error}") from error
 
 
-def _write_job(db: sqlite3.Connection, job: Job) -> None:
-    response = job.response
+def _write_job(db: sqlite3.Connection, job: Job) -> str:
+    response, text = job.response, json_text(job.to_dict())
     is_open = job.state not in FINAL or not response.collected
-    row = (job.state, job.cleared, is_open, response.ended, response.outcome, json_text(job.to_dict()))
+    row = (job.state, job.cleared, is_open, response.ended, response.outcome, text)
     db.execute(
         "INSERT INTO jobs (id, sequence, state, cleared, is_open, ended, outcome, document)"
         " VALUES (?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id) DO UPDATE SET state = excluded.state,"
@@ -376,3 +386,4 @@ def _write_job(db: sqlite3.Connection, job: Job) -> None:
         " outcome = excluded.outcome, document = excluded.document",
         (job.id, job.sequence, *row),
     )
+    return text

@@ -8,6 +8,7 @@ import ipaddress
 import json
 import logging
 import socket
+import time
 from collections.abc import Awaitable, Callable, Coroutine
 from contextvars import ContextVar
 from pathlib import Path
@@ -47,6 +48,8 @@ _caller: ContextVar[Caller | None] = ContextVar("caller", default=None)
 _MAX_CONNECTIONS, _LOGIN_TIMEOUT = 100, 10.0
 #: How long changes of jobs are gathered before the lists are written (s).
 _LIST_PERIOD = 0.1
+#: The pause after lists were written, as a multiple of the time that it took: thousands of jobs delay nothing else.
+_LIST_PAUSE = 20.0
 
 
 class _SessionUser(User):
@@ -292,12 +295,13 @@ class OpcuaServer:
         while True:
             await self._has_changes.wait()
             self._has_changes.clear()
+            begin = time.thread_time()
             try:
                 await self._write("JobOrderList", self._lists.orders())
                 await self._write("JobOrderResponseList", self._lists.responses())
             except Exception:
                 log.exception("OPC UA: the lists of jobs are unchanged")
-            await asyncio.sleep(_LIST_PERIOD)
+            await asyncio.sleep(max(_LIST_PERIOD, _LIST_PAUSE * (time.thread_time() - begin)))
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         async def guarded() -> None:

@@ -49,7 +49,7 @@ class Twin:
         if event.kind in ("cell", "reset"):
             await self.show_cell()
         elif event.kind == "job":
-            await self._show("Cell", self._folders["Cell"], {"QueueLength": len(self._service.control.open_jobs)})
+            await self._show("Cell", self._folders["Cell"], {"QueueLength": len(self._service.control.jobs)})
 
     async def follow_elements(self) -> None:
         """Shows the elements, until it is cancelled. One that cannot be shown does not cost the others."""

@@ -53,9 +53,12 @@ def code(task: object) -> int:
     return int(task.skill.progress_code)  # type: ignore[attr-defined]
 
 
-def test_plug_that_is_displaced_by_a_millimetre_latches_and_holds(cell: MakeCell) -> None:
+@pytest.mark.parametrize(
+    ("x", "y"), [(0.0007, -0.0007), pytest.param(-0.0005, 0.0006, marks=pytest.mark.long)], ids=["+-", "-+"]
+)
+def test_plug_that_is_displaced_by_a_millimetre_latches_and_holds(cell: MakeCell, x: float, y: float) -> None:
     made = cell()
-    made.misplace(0.0007, -0.0007)
+    made.misplace(x, y)
     task = made.run(made.plug_into_socket(), made.hold())
     assert task.state is State.Success, task.why
     peak, at, low, end = signature(task)
@@ -64,7 +67,7 @@ def test_plug_that_is_displaced_by_a_millimetre_latches_and_holds(cell: MakeCell
     assert low < 3.0
     assert end - at == pytest.approx(DEPTH - LATCH_DEPTH, abs=0.0005)
     assert LATCH_DEPTH - 0.001 < made.depth() < DEPTH, "the true plug was pulled back to the latch, and holds"
-    assert made.most[RIGHT] < LIMIT
+    assert made.most[RIGHT] < 30.0, "the plug is not thrown at the floor behind the latch"
     assert made.most[LEFT] < LIMIT
 
 

@@ -103,7 +103,7 @@ def test_part_that_slips_too_far_fails(study: InsertionStudy) -> None:
 @pytest.mark.parametrize("depth", [pytest.param(0.0575, marks=pytest.mark.long), 0.0592])
 def test_joint_at_its_limit_is_no_floor(study: InsertionStudy, depth: float) -> None:
     run = study.run(seed=3, parameters=ONCE, disturb=once_deep(depth, stop_joints))
-    assert run.depth < 0.0598
+    assert run.depth < 0.05995, "short of the floor"
     assert not run.reported  # the force of the spring is not measured, or no floor is felt
 
 

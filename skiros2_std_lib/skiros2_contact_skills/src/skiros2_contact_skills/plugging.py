@@ -123,6 +123,7 @@ class plug_in(ContactPrimitive):
         if not self._has_latch:
             wants = "expected skiros:LatchForce, and skiros:LatchDepth below skiros:Depth"
             return self.fail(f"{self.label_of('Socket')} has no latch: {wants}", WRONG_SOCKET)
+        had_clicked = self._signature.has_clicked
         for each in self._states(state):
             self._signature.add(self.depth(each), pressed(each))
         depth, force = self.depth(state), pressed(state)
@@ -132,7 +133,8 @@ class plug_in(ContactPrimitive):
         is_seated = clicked and force >= self._signature.low + seat
         if is_seated or state.stamp - self._best_at > self.value("Patience"):
             return self._result(state)
-        # the spring along the axis pushes with that force; a stretched one would hit the floor behind the click
+        if clicked and not had_clicked:  # the stretched spring would hit the floor behind the click
+            self._target = depth
         limit = self._signature.low + 1.5 * seat if clicked else self.value("Force")
         self._target = min(self._target + self.value("Speed") * dt, depth + limit / _STIFFNESS)
         ahead = self._target - self.depth(self.start)

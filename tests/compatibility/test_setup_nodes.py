@@ -6,6 +6,8 @@ import os
 import subprocess
 from pathlib import Path
 
+import pytest
+
 from compatibility.rules import rule
 from support.ros import INSTALL, ROOT, Ros, wait_until
 
@@ -32,6 +34,7 @@ ARM = """
 """
 
 
+@pytest.mark.long
 @rule(
     "more",
     "Launch files that name nodes of `tf`, `tf2_ros`, `topic_tools`, `robot_state_publisher`, `joint_state_publisher` "

@@ -108,6 +108,7 @@ def test_an_environment_that_cannot_be_renewed_stays_as_it_was(clone: Path, comm
     assert not (lists / "incomplete").exists()
 
 
+@pytest.mark.long
 def test_list_that_cannot_be_added_leaves_the_environment_as_it_was(clone: Path, commands: Path) -> None:
     lists = environment(clone, "uv", "run")
     done = set_up(clone, commands, "run", "sim", **NO_INDEX)

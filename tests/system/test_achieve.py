@@ -147,7 +147,8 @@ def test_robots_with_different_skills_reach_a_goal_together(cell: Cell) -> None:
     assert again.result.state == AchieveResult.NOTHING_TO_DO
 
 
-@pytest.mark.parametrize("finished", [1, pytest.param(5, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("finished", [1, 5])
 def test_goal_is_reached_after_a_manager_is_killed(own: Ros, finished: int) -> None:
     cell = Cell(own, CREW)
     managers = {f"/{name}": SkillManagerInterface(f"/{name}", "tests") for name in CREW}  # connected beforehand
@@ -212,6 +213,7 @@ def test_cancelled_goal_stops_its_steps_and_the_next_goal_succeeds(cell: Cell) -
     assert cell.achieve(f"(skiros:contain {cell.bench} {cell.products[0]})").result.state == AchieveResult.SUCCEEDED
 
 
+@pytest.mark.long
 def test_shutdown_of_the_task_manager_stops_running_steps(own: Ros) -> None:
     cell = Cell(own, SPECIALISTS)
     porter = SkillManagerInterface("/porter", "tests")

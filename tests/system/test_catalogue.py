@@ -61,6 +61,7 @@ def robot(ros: Ros) -> Iterator[SkillManagerInterface]:
     client.shutdown()
 
 
+@pytest.mark.long
 def test_one_manager_reproduces_all_traces(ros: Ros, robot: SkillManagerInterface, servers: CatalogueServers) -> None:
     messages = _listen(ros, robot)
     world = SkillBench(wmi=WorldModelInterface("tests", make_cache=True))

@@ -147,6 +147,7 @@ def test_manager_that_ran_before_the_subscription_is_reported(ros: Ros, tmp_path
     porter.stop_discovery()
 
 
+@pytest.mark.long
 def test_power_failure_while_the_robot_holds_something_asks(ros: Ros, tmp_path: Path) -> None:
     cell = Cell(ros, tmp_path)
     request = cell.achieve()
@@ -168,6 +169,7 @@ def test_power_failure_while_the_robot_holds_something_asks(ros: Ros, tmp_path: 
     assert cell.content(cell.store) == cell.moves() == sorted(cell.products)
 
 
+@pytest.mark.long
 def test_goal_that_is_to_end_after_a_restart_is_reported(ros: Ros, tmp_path: Path) -> None:
     cell = Cell(ros, tmp_path, on_restart="abort")
     request = cell.achieve()

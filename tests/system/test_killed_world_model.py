@@ -144,6 +144,7 @@ def start(ros: Ros, tmp_path: Path) -> Any:
     return start
 
 
+@pytest.mark.long
 @pytest.mark.timeout(420)
 def test_no_acknowledged_change_is_lost_when_the_node_is_killed(start: Any) -> None:
     seed = random.randrange(1 << 32)

@@ -288,13 +288,14 @@ def processes(*words: str) -> list[str]:
     return [line for line in lines if all(word in line for word in words)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("file", "arguments", "nodes"),
     [
         ("skiros.launch", {"gui": False}, {"wm", "test_robot", "tm"}),
-        pytest.param("world_model_server.launch", {"gui": False}, {"wm"}, marks=pytest.mark.long),
-        pytest.param("skill_mgr.launch", {}, {"test_robot"}, marks=pytest.mark.long),
-        pytest.param("task_mgr.launch", {}, {"tm"}, marks=pytest.mark.long),
+        ("world_model_server.launch", {"gui": False}, {"wm"}),
+        ("skill_mgr.launch", {}, {"test_robot"}),
+        ("task_mgr.launch", {}, {"tm"}),
     ],
 )
 def test_without_deploy_each_node_has_an_xterm(

@@ -208,6 +208,7 @@ def test_suspended_manager_continues(cell: Cell) -> None:
     assert cell.was_never_buried()
 
 
+@pytest.mark.long
 def test_skills_of_a_killed_manager_are_gone_for_clients_and_planning(
     cell: Cell, ros: Ros, layer: SkillLayerInterface
 ) -> None:

@@ -123,6 +123,7 @@ def test_subscriber_receives_all_markers_and_then_changes(ros: Ros, world: World
     late.wait_for(lambda m: "Later" in {marker.text for marker in m.markers})
 
 
+@pytest.mark.long
 def test_dragged_marker_moves_the_element(world: WorldModelInterface, drag: Drag) -> None:
     path = [step / 100 for step in range(1, 31)]
     drag.over(drag.marker(PRODUCT), path)

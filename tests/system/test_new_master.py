@@ -83,6 +83,7 @@ class Client:
         self._process.communicate()
 
 
+@pytest.mark.long
 def test_nodes_and_clients_continue_with_a_new_master(cell: Ros, client: Client) -> None:
     client.ask("add before")
     wait_until(lambda: client.ask("skills") == {ROBOT: ["counter"]}, what="the manager's skills")

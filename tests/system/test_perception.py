@@ -109,6 +109,7 @@ def cell(ros_master: RosMaster) -> Iterator[Cell]:
         ros.stop()
 
 
+@pytest.mark.long
 def test_block_is_located_from_three_postures_of_the_arm(cell: Cell) -> None:
     cell.put(BLOCK, (0.62, 0.015, 0.35), math.pi / 2 + 0.1)
     assert cell.error(BLOCK)[0] > 0.02

@@ -212,6 +212,7 @@ def test_skills_are_in_the_world_model_only_while_the_manager_runs(ros, alone):
     assert wmi.resolve_elements(Element("skiros:Parameter")) == []
 
 
+@pytest.mark.long
 def test_two_robots_bind_robot_each_to_itself(ros, alone):
     ros.launch("skiros2_demo_skills", "demo.launch", gui=False)
     ros.service("/mobile_manipulator/command", srvs.SkillCommand)

@@ -90,6 +90,7 @@ def test_stop_does_not_wait_for_silent_connections(ros: Ros, robot: SkillManager
         assert robot.stop_line.send("tests", "preempt", task) == [task]
 
 
+@pytest.mark.long
 def test_restarted_manager_is_stopped(ros: Ros, shared: SharedSystem) -> None:
     shared.stop()
     launch(ros)

@@ -334,6 +334,7 @@ def test_interface_without_a_task_manager_does_not_block(shared: SharedSystem) -
         TaskManagerInterface().achieve("(skiros:at a b)")
 
 
+@pytest.mark.long
 def test_invalid_package_xml_is_reported_once_and_the_task_manager_plans(
     ros: Ros, wm: WorldModelInterface, tmp_path: Path
 ) -> None:

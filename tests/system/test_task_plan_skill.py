@@ -49,6 +49,7 @@ def holder(ros: Ros, element: str) -> str:
     return str(relation.subjectId)
 
 
+@pytest.mark.long
 def test_task_plan_runs_the_planned_skills(ros: Ros) -> None:
     ros.launch("skiros2_demo_skills", "demo.launch", gui=False)
     manager = Manager(ros)

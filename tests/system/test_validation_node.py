@@ -95,6 +95,7 @@ def test_broken_shapes_file_ends_the_node_with_name_and_line(start, workspace):
     assert "cell.shapes.ttl, line 2" in node.output
 
 
+@pytest.mark.long
 def test_element_of_a_class_declared_later_is_validated(start):
     start()
     wm = WorldModelInterface("tester")

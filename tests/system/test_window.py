@@ -153,6 +153,7 @@ def test_killed_part_is_reported_and_found_again(window: Driver, demo: Ros, node
     assert label.text().startswith("●")
 
 
+@pytest.mark.long
 def test_killed_master_is_reported_and_its_successor_found(tmp_path: Path) -> None:
     with RosMaster(tmp_path) as master:
         ros = Ros(master)

@@ -112,6 +112,7 @@ def displace_block(cell: Cell, dx: float, dy: float, yaw: float) -> None:
     cell.world.step(60)
 
 
+@pytest.mark.long
 def test_displaced_block_is_located_and_further_views_are_fused(cell: Cell) -> None:
     displace_block(cell, 0.02, -0.015, 0.12)
     sizes = []
@@ -272,6 +273,7 @@ def test_observed_scene_updates_poses_and_adds_an_unknown_object(cell: Cell) -> 
     assert cell.opened[-1][0].colour == "/stationary/camera/color/image_raw"
 
 
+@pytest.mark.long
 def test_removed_object_becomes_missing_after_several_views(cell: Cell) -> None:
     cell.look_from("home")
     cell.world.set_pose(CUBE, Pose((3.0, 3.0, 0.2), (0.0, 0.0, 0.0, 1.0)))

@@ -48,7 +48,10 @@ def always_dies(scenario: Scenario, configuration: Mapping[str, Value], seed: in
 
 
 def hangs(scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int) -> EpisodeRecord:
-    """Does not return."""
+    """Does not return. Writes the id of its process to the file `hanging` in the settings' folder."""
+    mark = Path(str(scenario.settings["folder"])) / "hanging"
+    mark.with_suffix(".new").write_text(str(os.getpid()))
+    mark.with_suffix(".new").rename(mark)
     while True:
         time.sleep(1.0)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -49,7 +50,7 @@ def test_a_study_is_run_shown_reported_replayed_and_resumed(
     assert main(["resume", study, "--workers", "1", "--evaluations", "14"]) == 0
     output = capsys.readouterr().out
     assert "[14/14]" in output
-    assert "\nvalidating: 10 executions of each of the best 4 configurations" in output
+    assert "\nvalidating: up to 10 executions of each of the best 4 configurations" in output
     assert main(["resume", study, "--workers", "1", "--evaluations", "14"]) == 0
     output = capsys.readouterr().out
     assert "validating: " not in output
@@ -70,6 +71,28 @@ def test_a_study_is_validated_later_and_applied_only_then(
     assert "of 30, 95 % interval" in capsys.readouterr().out
     assert main(["status", study]) == 0
     assert "validated with draws that the search has not seen:" in capsys.readouterr().out
+
+
+def test_check_says_how_long_the_study_will_take(file: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", file]) == 0
+    assert re.search(
+        r"x: 0 to 1\nat most 24 executions in the search and 100 in the validation, \S+ s each: about \S+ min with",
+        capsys.readouterr().out,
+    )
+
+
+def test_check_imports_plugins_only_if_asked_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "scenario_plugin.py").write_text("print('code runs')")
+    (tmp_path / "plugin.yaml").write_text(f"{TEXT}plugins: [scenario_plugin]\n")
+    assert main(["check", str(tmp_path / "plugin.yaml")]) == 1
+    seen = capsys.readouterr()
+    assert "names plug-ins, whose code would run: scenario_plugin; read them, then: learn check --plugins" in seen.err
+    assert seen.out == ""
+    assert main(["check", "--plugins", str(tmp_path / "plugin.yaml")]) == 0
+    assert "code runs" in capsys.readouterr().out
 
 
 def test_each_mistake_is_one_line_on_stderr(file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -98,6 +98,19 @@ def test_all_mistakes_are_reported_at_once() -> None:
         assert expected in text
 
 
+def test_values_that_contradict_each_other_are_refused() -> None:
+    criterion = "success: [{reward: signal, series: value, at_least: 2, at_most: 1}]\n"
+    found = problems(f"{PLAIN}repetitions: 3\nmax_failures: 4\n{criterion}")
+    assert sorted(found) == [
+        "max_failures: expected at most 3, the repetitions, got 4",
+        "success[0].at_least: expected at most 1, as at_most, got 2",
+    ]
+    assert "the key 'seed' occurs twice" in problems(f"{PLAIN}seed: 1\nseed: 2\n")[0]
+    text = PUSH.read_text().replace("../scene", str(PUSH.parent / "../scene"))
+    fixed = text.replace("{Object: Block,", "{StartX: 0.1, Object: Block,")
+    assert problems(fixed) == ("variables.Push.StartX: a variable, and fixed in the task: expected one of them",)
+
+
 def test_a_variable_must_belong_to_a_step_of_the_task() -> None:
     text = PUSH.read_text().replace("  Push.StartX", "  Pull.StartX").replace("../scene", str(PUSH.parent / "../scene"))
     assert problems(text) == ("variables.Pull.StartX: expected STEP.PARAMETER with a step of the task: Push",)

@@ -22,6 +22,7 @@ from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.workers import Runner
 from support.learning_scenarios import scenario_text
 from support.postgres import Postgres, find_programs, postgres
+from support.ros import wait_until
 
 TEXT = scenario_text("NAME", "parabola", evaluations=8, initial=3, settings="{folder: FOLDER}")
 _MAIN = "import sys; from skiros2_learning.command_line.program import main; sys.exit(main())"
@@ -83,6 +84,17 @@ def test_a_full_disk_is_one_line_and_loses_no_finished_evaluation(file: Path, tm
     assert results_match(study)
 
 
+@pytest.mark.long
+def test_a_hanging_worker_ends_with_the_run_that_is_killed(file: Path, tmp_path: Path) -> None:
+    file.write_text(file.read_text().replace(":parabola", ":hangs"))
+    with learn("run", str(file), "--study", str(tmp_path / "study")) as run:
+        wait_until((tmp_path / "hanging").exists)
+        worker = Path("/proc") / (tmp_path / "hanging").read_text()
+        assert worker.exists()
+        run.kill()
+    wait_until(lambda: not worker.exists())
+
+
 def test_an_entry_that_was_written_in_part_is_removed(scenario: Scenario, tmp_path: Path) -> None:
     study = LearningStudy.create(scenario, tmp_path / "study")
     number, configuration, seed = study.ask()
@@ -93,6 +105,26 @@ def test_an_entry_that_was_written_in_part_is_removed(scenario: Scenario, tmp_pa
     assert again.results() == study.results()
     again.ask()
     assert LearningStudy.open(tmp_path / "study").running_count == 1
+
+
+def test_of_a_damaged_journal_the_readable_part_is_kept(
+    scenario: Scenario, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    study = LearningStudy.create(scenario, tmp_path / "study")
+    Runner(study, 1).run()
+    whole, journal = study.results(), tmp_path / "study" / JOURNAL_FILE
+    lines = journal.read_bytes().splitlines(keepends=True)
+    middle = len(lines) // 2
+    damaged = b"".join([*lines[:middle], b"\x00\xff\n", *lines[middle + 1 :]])
+    journal.write_bytes(damaged)
+    again = LearningStudy.open(tmp_path / "study")
+    (line,) = caplog.messages
+    assert f"line {middle + 1} is damaged" in line
+    assert (tmp_path / "study/journal.damaged").read_bytes() == damaged
+    assert 0 < again.counted < len(whole)
+    again.requeue_interrupted()
+    Runner(again, 1).run()
+    assert again.results() == whole
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(

@@ -85,14 +85,15 @@ def test_an_interrupted_study_goes_on_and_loses_nothing(tmp_path: Path) -> None:
     study = LearningStudy.create(scenario(tmp_path), tmp_path / "study")
     number, configuration, seed = study.ask()
     study.tell(number, evaluate(study.scenario, configuration, seed))
-    _, lost_configuration, lost_seed = study.ask()  # running when the process ends
+    lost, lost_configuration, lost_seed = study.ask()  # running when the process ends
     del study
     study = LearningStudy.open(tmp_path / "study")
     assert study.counted == 1
     assert study.requeue_interrupted() == 1
     results = run(study)
     assert len(results) == study.counted == 6
-    assert (lost_configuration, lost_seed) in [(r.configuration, r.seed) for r in results.values()]
+    assert (results[lost].configuration, results[lost].seed) == (lost_configuration, lost_seed)
+    assert results == run(LearningStudy.create(scenario(tmp_path), tmp_path / "whole"))
 
 
 def test_interruption_ends_the_processes_and_keeps_what_is_finished(tmp_path: Path) -> None:

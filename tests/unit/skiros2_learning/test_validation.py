@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from skiros2_common.core.errors import Refused
-from skiros2_learning.core.evaluation import evaluate, seed_of
+from skiros2_learning.core.evaluation import Outcome, evaluate, repeat_once, seed_of
 from skiros2_learning.core.report import status_lines, write_report
-from skiros2_learning.core.scenario import parse_scenario
+from skiros2_learning.core.scenario import Scenario, parse_scenario
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.validation import (
+    Execute,
+    Repeat,
     Validation,
     applicable,
     repeat_here,
@@ -50,7 +53,7 @@ def test_validated_rate_is_of_new_draws_and_kept_with_the_study(tmp_path: Path) 
     assert {each.seed for each in (*found.candidates, found.learned)}.isdisjoint(searched_seeds)
     assert found.learned.seed not in {each.seed for each in found.candidates}
     assert [each.number for each in found.candidates] == study.ranked()[:4]
-    assert (found.learned.count, [each.count for each in found.candidates]) == (30, [10] * 4)
+    assert found.learned.count == 30
     best = max(found.candidates, key=lambda each: each.good)
     assert next(e for e in found.candidates if e.number == found.learned.number).good == best.good
     assert study.result(study.ranked()[0]).success_rate == 1.0  # luck
@@ -79,7 +82,49 @@ def test_intervals_cover_the_true_rate_of_93_percent_of_200_studies(tmp_path: Pa
 
 def test_processes_give_the_same_validation_as_this_process(tmp_path: Path) -> None:
     study = searched(tmp_path, 4, validation="{candidates: 2, choice: 3, repetitions: 5}")
-    assert validate(study, repeat_in_processes(2)) == validate(study, repeat_here())
+    with repeat_in_processes(study.scenario, 2) as repeat:
+        assert validate(study, repeat) == validate(study, repeat_here())
+
+
+def test_candidates_that_cannot_win_are_not_repeated_and_the_choice_is_the_same(tmp_path: Path) -> None:
+    fewer = 0
+    for seed in range(10):
+        study = searched(tmp_path / str(seed), 8, seed)
+        found = validate(study, repeat_here())
+        whole = {
+            each.number: sum(
+                not isinstance(outcome, str) and outcome.is_success
+                for index in range(10)
+                for outcome in [repeat_once(study.scenario, each.configuration, each.seed, index)]
+            )
+            for each in found.candidates
+        }
+        assert whole[found.learned.number] == max(whole.values())
+        fewer += sum(each.count < 10 for each in found.candidates)
+        assert all(each.good <= whole[each.number] for each in found.candidates)
+    assert fewer >= 10
+
+
+def test_an_interrupted_validation_continues(tmp_path: Path) -> None:
+    made: list[Execute] = []
+    study = searched(tmp_path, 4, validation="{candidates: 2, choice: 3, repetitions: 5}")
+
+    def counting(limit: int) -> Repeat:
+        def repeat(scenario: Scenario, jobs: Sequence[Execute]) -> Iterator[Outcome]:
+            for job in jobs:
+                if len(made) == limit:
+                    raise KeyboardInterrupt
+                made.append(job)
+                yield repeat_once(scenario, job.configuration, job.seed, job.index)
+
+        return repeat
+
+    with pytest.raises(KeyboardInterrupt):
+        validate(study, counting(7))
+    found = validate(study, counting(1000))
+    assert len(made) == sum(each.count for each in (*found.candidates, found.learned))
+    assert found == validate(study, repeat_here())
+    assert not (study.folder / "validation.jsonl").exists()
 
 
 def test_defaults_that_are_as_good_are_chosen_and_the_learned_values_not_applied(tmp_path: Path) -> None:

@@ -14,15 +14,16 @@ _MAX_LENGTH, _MAX_EXPANDED, _MAX_FACTOR = 1024**2, 1024**2, 20
 _MAX_DEPTH = 100
 
 
-def read_yaml(text: str) -> Any:
+def read_yaml(text: str, *, unique_keys: bool = False) -> Any:
     """Reads the data of a YAML text; tags of Python objects are refused.
 
+    :param unique_keys: whether a key that occurs twice in a mapping is refused; otherwise its last value counts.
     :raises WrongValue: it is not YAML, too long or nested too deeply, or stands for too much by its aliases.
     """
     if len(text) > _MAX_LENGTH:
         raise WrongValue(f"expected at most {_MAX_LENGTH} characters of YAML, got {len(text)}")
     try:
-        return _Loader(text).get_single_data()
+        return _Loader(text, unique_keys).get_single_data()
     except yaml.YAMLError as error:
         raise WrongValue(" ".join(str(error).split())) from None
     except (ValueError, TypeError, ArithmeticError, LookupError, AttributeError) as error:  # PyYAML's, of values
@@ -30,8 +31,9 @@ def read_yaml(text: str) -> Any:
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, unique_keys: bool) -> None:
         super().__init__(text)
+        self._unique_keys = unique_keys
         self._most = _MAX_EXPANDED + _MAX_FACTOR * len(text)
         self._depth = 0
         #: Characters and nodes that each complete node stands for.
@@ -52,6 +54,15 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
             if self._sizes[node] > self._most:
                 problem = f"by its aliases, the text stands for more than {self._most} characters"
                 raise yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
+        return node
+
+    def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
+        node: yaml.MappingNode = super().compose_mapping_node(anchor)
+        known: set[str] = set()
+        for key, _ in node.value if self._unique_keys else ():
+            if isinstance(key, yaml.ScalarNode) and key.value in known:
+                raise yaml.MarkedYAMLError(problem=f"the key {key.value!r} occurs twice", problem_mark=key.start_mark)
+            known.add(str(key.value))
         return node
 
     def _size_of(self, node: yaml.Node) -> int:

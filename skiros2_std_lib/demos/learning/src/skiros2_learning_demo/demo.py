@@ -106,11 +106,11 @@ class _Run:
         guided = self._learn("with_priors", True, self._options.guided)
         plan = guided.scenario.validation
         _say(
-            f"validating the best {plan.candidates}: {plan.choice} executions each, then {plan.repetitions} of the "
-            "chosen one and of the defaults, with new draws"
+            f"validating the best {plan.candidates}: up to {plan.choice} executions each, then {plan.repetitions} of "
+            "the chosen one and of the defaults, with new draws"
         )
-        with guided.running():
-            validation = validate(guided, repeat_in_processes(self._options.workers))
+        with guided.running(), repeat_in_processes(guided.scenario, self._options.workers) as repeat:
+            validation = validate(guided, repeat)
         findings, pictures = (self._insertion if self._demo is INSERTION else self._push)(guided, validation)
         findings.insert(0, _success(validation.decided, self._demo.claimed))
         report = write_report(guided, {"without priors": cold}, pictures)

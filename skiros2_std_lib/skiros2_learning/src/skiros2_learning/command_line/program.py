@@ -15,14 +15,14 @@ from skiros2_common.command_line.command import CommandResult, Parser, command_a
 from skiros2_common.core.errors import ConfigurationError, Refused, WrongValue
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_common.tools.libraries import find_libraries
-from skiros2_learning.command_line.running import run_study, validate_study
+from skiros2_learning.command_line.running import cost_text, run_study, validate_study
 from skiros2_learning.core.earlier_studies import with_earlier
 from skiros2_learning.core.evaluation import check_execution, evaluate, seed_of
 from skiros2_learning.core.hypermapper import import_hypermapper
 from skiros2_learning.core.parameter_sets import apply_result, remove_set
 from skiros2_learning.core.policy import Policy, learn_variations, variation_studies
 from skiros2_learning.core.report import describe, format_value, status_lines, write_report
-from skiros2_learning.core.scenario import OPTIMISERS, Scenario, load_scenario
+from skiros2_learning.core.scenario import OPTIMISERS, Scenario, load_scenario, plugins_of
 from skiros2_learning.core.storage import public_name
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.validation import Sample, applicable, sample_text, share_text, stored_validation
@@ -204,9 +204,15 @@ def _import(options: argparse.Namespace) -> CommandResult:
 
 
 def _check(options: argparse.Namespace) -> CommandResult:
+    if (plugins := plugins_of(options.scenario)) and not options.plugins:
+        raise Refused(
+            f"{options.scenario} names plug-ins, whose code would run: {', '.join(plugins)}; read them, then: "
+            f"learn check --plugins {options.scenario}"
+        )
     scenario = load_scenario(options.scenario)
     check_execution(scenario)
-    return CommandResult([f"{variable.name}: {variable.range_text}" for variable in scenario.variables])
+    variables = [f"{variable.name}: {variable.range_text}" for variable in scenario.variables]
+    return CommandResult([*variables, cost_text(scenario, os.cpu_count() or 1)])
 
 
 def _changed(scenario: Scenario, options: argparse.Namespace) -> Scenario:
@@ -253,8 +259,12 @@ def _parser(cell: Cell | None) -> argparse.ArgumentParser:
     def add_validation(command: argparse.ArgumentParser) -> None:
         command.add_argument("--no-validation", action="store_true", help="search only; see `learn validate`")
 
-    command = add("check", "Checks a scenario: names, ranges, scene, skills.")
+    command = add(
+        "check",
+        "Checks a scenario: names, ranges, scene, skills. Measures an execution: the time of the study.",
+    )
     command.add_argument("scenario", type=Path, metavar="SCENARIO", help="scenario file")
+    command.add_argument("--plugins", action="store_true", help="import the plug-ins of the scenario: their code runs")
     command = add("run", "Starts a study. Ctrl-C ends it; `learn resume` continues it.")
     command.add_argument("scenario", type=Path, metavar="SCENARIO", help="scenario file")
     command.add_argument("--study", type=Path, metavar="FOLDER", help="default: build/learning/NAME")

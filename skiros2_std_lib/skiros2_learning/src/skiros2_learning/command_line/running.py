@@ -7,14 +7,17 @@ import time
 from contextlib import ExitStack
 
 from skiros2_common.command_line.command import CommandResult
-from skiros2_learning.core.evaluation import Evaluation, Execution, Unavailable
+from skiros2_learning.core.evaluation import Evaluation, Execution, Unavailable, repeat_once, seed_of
 from skiros2_learning.core.report import describe, status_lines, write_report
+from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.validation import Repeat, repeat_here, stored_validation, validate, validation_lines
 from skiros2_learning.core.workers import OneByOne, Runner, repeat_in_processes
 
 #: Evaluations of which the rate is the mean.
 _RECENT = 20
+#: The number that the seed of a measured execution is made of.
+_COST_NUMBER = 2_000_000
 
 
 class Progress:
@@ -84,10 +87,28 @@ def validate_study(study: LearningStudy, workers: int, confirmed: bool = False) 
     return CommandResult([*validation_lines(study.scenario, found), f"report: {report}"], found.to_json())
 
 
+def cost_text(scenario: Scenario, workers: int) -> str:
+    """Describes how long a study takes at most, by the time of one execution. A real robot does not move for it."""
+    plan, budget = scenario.validation, scenario.budget.evaluations
+    search, validation = budget * scenario.repetitions, plan.candidates * plan.choice + 2 * plan.repetitions
+    text = f"at most {search} executions in the search and {validation} in the validation"
+    if scenario.is_real:
+        return f"{text}, of up to {scenario.simulation.time_limit:g} s each, and the resets"
+    configuration = {each.name: each.typical for each in scenario.variables}
+    for _ in range(2):  # the first one reads the ontologies
+        begin = time.perf_counter()
+        outcome = repeat_once(scenario, configuration, seed_of(scenario, _COST_NUMBER), 0)
+        spent = time.perf_counter() - begin
+    if isinstance(outcome, str):
+        return f"{text}; how long one takes is not known, as it breaks: {outcome}"
+    minutes = (search + validation) * spent / workers / 60.0
+    return f"{text}, {spent:.2g} s each: about {minutes:.2g} min with {workers} processes"
+
+
 def _executor(study: LearningStudy, stack: ExitStack, workers: int, confirmed: bool) -> tuple[Repeat, Execution | None]:
     """Returns what makes executions, and the execution of a real robot; None in simulation."""
     if not study.scenario.is_real:
-        return repeat_in_processes(workers), None
+        return stack.enter_context(repeat_in_processes(study.scenario, workers)), None
     from skiros2_learning.ros.real_robot import RealRobot  # needs ROS
 
     robot = stack.enter_context(RealRobot(study.scenario, _yes if confirmed else _ask_operator))
@@ -116,7 +137,7 @@ def _validate_ended(study: LearningStudy, repeat: Repeat) -> None:
 def _say_cost(study: LearningStudy) -> None:
     plan = study.scenario.validation
     sys.stdout.write(
-        f"validating: {plan.choice} executions of each of the best {plan.candidates} configurations, then "
+        f"validating: up to {plan.choice} executions of each of the best {plan.candidates} configurations, then "
         f"{plan.repetitions} of the chosen one and of the defaults, with new draws\n"
     )
     sys.stdout.flush()

@@ -74,7 +74,7 @@ def status_lines(study: LearningStudy) -> list[str]:
     broken = sum(bool(result.error) for result in results.values())
     lines = [
         f"study {study.scenario.name}: {study.counted} of {study.scenario.budget.evaluations} evaluations, "
-        f"{broken} broken, {study.running_count} running"
+        f"{broken} broken, {study.running_count} running or interrupted"
     ]
     validation = stored_validation(study)
     if validation is not None:

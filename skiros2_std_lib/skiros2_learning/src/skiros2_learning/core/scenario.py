@@ -125,6 +125,9 @@ class _Limited(RewardSection):
     def mistakes(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
         if not data.keys() & {"at_least", "at_most"}:
             yield (), "expected at_least or at_most"
+        low, high = numbers(data.get("at_least")), numbers(data.get("at_most"))
+        if low and high and low > high:
+            yield ("at_least",), f"expected at most {high[0]:g}, as at_most, got {low[0]:g}"
 
 
 def _read_criterion(data: Any) -> Criterion:
@@ -205,6 +208,9 @@ def _named_once(task: tuple[Step, ...], info: _Info) -> tuple[Step, ...]:
 
 def _of_the_task(variables: tuple[Variable, ...], info: _Info) -> tuple[Variable, ...]:
     if info.data.get("execution") in PLATFORMS.values() and "task" in info.data:
+        fixed = {f"{step.name}.{key}" for step in info.data["task"] for key in step.parameters}
+        if both := [each.name for each in variables if each.name in fixed]:
+            raise mistaken(((name,), "a variable, and fixed in the task: expected one of them") for name in both)
         steps = [step.name for step in info.data["task"]]
         text = f"expected STEP.PARAMETER with a step of the task: {', '.join(steps) or 'none'}"
         if wrong := [each.name for each in variables if each.name.rpartition(".")[0] not in steps]:
@@ -287,6 +293,9 @@ class Scenario(Section):
     def mistakes(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
         if "source" in data:
             yield ("source",), "unknown key"
+        most, failures = data.get("repetitions", cls.repetitions), data.get("max_failures")
+        if isinstance(most, int) and isinstance(failures, int) and failures > max(1, most):
+            yield ("max_failures",), f"expected at most {most}, the repetitions, got {failures}"
 
     @property
     def is_real(self) -> bool:
@@ -368,6 +377,16 @@ def load_scenario(file: str | Path) -> Scenario:
     return parse_scenario(text, path.resolve().parent, str(path))
 
 
+def plugins_of(file: str | Path) -> list[str]:
+    """Returns the plug-ins that a scenario file names, without importing them; [] if it cannot be read."""
+    try:
+        data = read_yaml(Path(file).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, WrongValue):
+        return []
+    found = data.get("plugins") if isinstance(data, Mapping) else None
+    return [str(each) for each in found] if isinstance(found, list) else []
+
+
 def parse_scenario(text: str, folder: Path, source: str = "scenario") -> Scenario:
     """Reads a scenario.
 
@@ -376,7 +395,7 @@ def parse_scenario(text: str, folder: Path, source: str = "scenario") -> Scenari
     :raises ScenarioError: it has mistakes; the text names all of them.
     """
     try:
-        data = read_yaml(text)
+        data = read_yaml(text, unique_keys=True)
     except WrongValue as error:
         raise ScenarioError(source, [str(error)]) from None
     try:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import logging
 import os
+import shutil
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -19,6 +22,8 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, ProgrammingError, SQLAlchemyError
 
 from skiros2_common.core.errors import ConfigurationError, MissingPackage, Refused
+
+log = logging.getLogger(__name__)
 
 JOURNAL_FILE = "journal.log"
 
@@ -49,7 +54,7 @@ def open_storage(folder: Path, url: str, on_stale: Callable[[Study, FrozenTrial]
     with storing(folder, url):
         if not url:
             journal = folder / JOURNAL_FILE
-            _remove_torn_entry(journal)
+            _keep_readable(journal)
             return JournalStorage(JournalFileBackend(str(journal)))
         try:
             try:
@@ -105,23 +110,39 @@ def public_name(url: str) -> str:
         return "database URL"
 
 
-def _remove_torn_entry(journal: Path) -> None:
-    """Removes the end of an entry that was written while the disk was full: the next one would be appended to it."""
+def _keep_readable(journal: Path) -> None:
+    """Removes the end of an entry that was written while the disk was full: the next one would be appended to it. Of a
+    journal that is damaged elsewhere, the entries before that are kept, as later ones depend on all before them; the
+    whole file is kept beside it."""
     if not journal.exists():
         return
     lock = JournalFileSymlinkLock(str(journal))
     lock.acquire()
     try:
-        with open(journal, "rb+") as file:
-            size = file.seek(0, os.SEEK_END)
-            while size:
-                file.seek(size - 1)
-                if file.read(1) == b"\n":
-                    break
-                size -= 1
-            file.truncate(size)
+        data = journal.read_bytes()
+        size = data.rfind(b"\n") + 1
+        read = 0
+        for number, line in enumerate(data[:size].splitlines(keepends=True), 1):
+            if not _is_entry(line):
+                size = read
+                copy = journal.with_suffix(".damaged")
+                shutil.copyfile(journal, copy)
+                log.warning(
+                    "%s: line %d is damaged: the study continues from there; whole file: %s", journal, number, copy
+                )
+                break
+            read += len(line)
+        if size < len(data):
+            os.truncate(journal, size)
     finally:
         lock.release()
+
+
+def _is_entry(line: bytes) -> bool:
+    try:
+        return "op_code" in json.loads(line)
+    except (ValueError, TypeError):
+        return False
 
 
 def _reason(error: BaseException) -> str:

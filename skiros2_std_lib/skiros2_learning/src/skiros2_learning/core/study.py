@@ -74,6 +74,7 @@ class LearningStudy:
         self._url = storage
         self._beaten = -float("inf")
         self._asked: dict[int, Trial] = {}
+        self._interrupted: list[int] = []
         self._distributions = {variable.name: distribution_of(variable) for variable in scenario.variables}
         directions = [
             StudyDirection.MAXIMIZE if each.sense == "maximise" else StudyDirection.MINIMIZE
@@ -149,17 +150,24 @@ class LearningStudy:
     # -- evaluations -------------------------------------------------------------------------------------------------
 
     def requeue_interrupted(self) -> int:
-        """Repeats the evaluations that were running when an earlier run ended. Returns their number.
+        """Lets `ask` return the evaluations that were running when an earlier run ended, with their numbers and seeds.
+        Returns how many these are.
 
-        Only for a study in its folder: the trials of a database may be running on other machines.
+        Only if no other process runs the study: the trials of a database may be running on other machines.
         """
         lost = self._trials(TrialState.RUNNING)
         for trial in lost:
-            self._reliably(lambda each=trial: self._end_interrupted(each))  # type: ignore[misc]
+            if _RESULT in trial.user_attrs or trial.params.keys() != self._distributions.keys():
+                self._reliably(lambda each=trial: self._end_interrupted(each))  # type: ignore[misc]
+            else:
+                self._interrupted.append(trial.number)
         return len(lost)
 
     def release(self) -> None:
-        """Lets other processes repeat the evaluations that `ask` has returned and that have no result."""
+        """Lets other processes repeat the evaluations that `ask` has returned and that have no result. In a folder, the
+        next run does."""
+        if not self._url:
+            self._asked.clear()
         for number in list(self._asked):
             trial = self._asked.pop(number)
             with suppress(StorageFailed), storing(self.folder, self._url):
@@ -208,7 +216,8 @@ class LearningStudy:
     def _ask(self) -> tuple[int, dict[str, Value], int]:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Heartbeat of storage")  # `beat` does what Study.optimize would
-            trial = self.optuna.ask(self._distributions)
+            interrupted = self._interrupted.pop(0) if self._interrupted else None
+            trial = self.optuna.ask(self._distributions) if interrupted is None else self._trial(interrupted)
         if self._url:
             self._beat(trial.number)
         self._asked[trial.number] = trial
@@ -263,8 +272,8 @@ class LearningStudy:
 
     @property
     def running_count(self) -> int:
-        """Number of evaluations that are running, on all machines."""
-        return len(self._trials(TrialState.RUNNING))
+        """Number of evaluations that are running, on all machines, or have been interrupted."""
+        return len(self._trials(TrialState.RUNNING)) - len(self._interrupted)
 
     def results(self) -> dict[int, Evaluation]:
         """Returns the results by number, broken ones included."""
@@ -345,19 +354,23 @@ class LearningStudy:
             )
 
     def _reliably(self, work: Callable[[], T]) -> T:
-        """Calls what reads or writes the storage; again for a while if a database does not answer."""
-        deadline = 0.0
-        while True:
-            try:
-                with storing(self.folder, self._url):
-                    return work()
-            except StorageFailed as failure:
-                if not self._url or (deadline and time.monotonic() > deadline):
-                    raise
-                if not deadline:
-                    log.warning("%s; trying again for %g s", failure, RECONNECT_TIMEOUT)
-                    deadline = time.monotonic() + RECONNECT_TIMEOUT
-            time.sleep(min(_RECONNECT_PERIOD, RECONNECT_TIMEOUT))
+        return _reliably(self.folder, self._url, work)
+
+
+def _reliably(folder: Path, url: str, work: Callable[[], T]) -> T:
+    """Calls what reads or writes the storage; again for a while if a database does not answer."""
+    deadline = 0.0
+    while True:
+        try:
+            with storing(folder, url):
+                return work()
+        except StorageFailed as failure:
+            if not url or (deadline and time.monotonic() > deadline):
+                raise
+            if not deadline:
+                log.warning("%s; trying again for %g s", failure, RECONNECT_TIMEOUT)
+                deadline = time.monotonic() + RECONNECT_TIMEOUT
+        time.sleep(min(_RECONNECT_PERIOD, RECONNECT_TIMEOUT))
 
 
 def distribution_of(variable: Variable) -> BaseDistribution:

@@ -7,8 +7,10 @@ run on the same draws: a configuration that is not better than they are, with co
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -37,6 +39,10 @@ from skiros2_learning.core.variables import Value
 _CHOICE_NUMBER, _PROOF_NUMBER = 500_000, 500_001
 #: Attribute of the study.
 _VALIDATION = "validation"
+#: Outcomes of a validation that is not finished, one in each line.
+UNFINISHED_FILE = "validation.jsonl"
+#: Repetitions of the candidates between two looks at them.
+_ROUND = 2
 DEFAULTS = "the defaults of the skill"
 
 
@@ -49,8 +55,8 @@ class Execute:
     index: int
 
 
-#: Makes executions. Returns their outcomes in the same order.
-Repeat = Callable[[Scenario, Sequence[Execute]], list[Outcome]]
+#: Makes executions. Yields their outcomes in the same order.
+Repeat = Callable[[Scenario, Sequence[Execute]], Iterator[Outcome]]
 
 
 @dataclass(frozen=True)
@@ -116,8 +122,8 @@ class Validation:
     """A validated study.
 
     :param counted: evaluations that the study had.
-    :param candidates: the repetitions by which one was chosen, the best one of the search first; none if there was
-        only one candidate.
+    :param candidates: the repetitions by which one was chosen, the best one of the search first; fewer of those that
+        could no longer win. None if there was only one candidate.
     :param learned: the repetitions of the chosen one, on other draws.
     :param defaults: those of the skill's defaults, on the same draws; None if it has none for some variable.
     :param advantage: what the learned one is better in than the defaults, with confidence: `success`, the name of an
@@ -172,7 +178,7 @@ class Validation:
 
 
 def validate(study: LearningStudy, repeat: Repeat) -> Validation:
-    """Validates a study, and stores the result with it.
+    """Validates a study, and stores the result with it. Executions of an interrupted validation are not made again.
 
     :raises Refused: the study has no results.
     """
@@ -186,30 +192,73 @@ def validate(study: LearningStudy, repeat: Repeat) -> Validation:
             break
     if not numbers:
         raise Refused(f"the study in {study.folder} has no results to validate")
-
-    def samples(wanted: Mapping[int | None, dict[str, Value]], seed_number: int, count: int) -> list[Sample]:
-        seed = seed_of(scenario, seed_number)
-        jobs = [Execute(each, seed, index) for each in wanted.values() for index in range(count)]
-        found = repeat(replace(scenario, repetitions=count), jobs)
-        return [
-            Sample(number, each, seed, tuple(found[place * count : (place + 1) * count]))
-            for place, (number, each) in enumerate(wanted.items())
-        ]
-
+    executions = _Executions(study, repeat)
     chosen: int | None = numbers[0]
     candidates: list[Sample] = []
     if len(numbers) > 1:
-        candidates = samples({n: results[n].configuration for n in numbers}, _CHOICE_NUMBER, plan.choice)
-        chosen = min(candidates, key=lambda each: _caution(scenario.objectives, each)).number
+        seed = seed_of(scenario, _CHOICE_NUMBER)
+        started = {number: Sample(number, results[number].configuration, seed, ()) for number in numbers}
+        chosen, candidates = _raced(scenario.objectives, started, plan.choice, executions)
     assert chosen is not None
-    compared: dict[int | None, dict[str, Value]] = {chosen: results[chosen].configuration}
+    seed = seed_of(scenario, _PROOF_NUMBER)
+    compared = [Sample(chosen, results[chosen].configuration, seed, ())]
     if defaults := find_defaults(scenario):
-        compared[None] = defaults
-    learned, *usual = samples(compared, _PROOF_NUMBER, plan.repetitions)
+        compared.append(Sample(None, defaults, seed, ()))
+    learned, *usual = executions.continued(compared, plan.repetitions)
     advantage = _advantage(scenario.objectives, learned, usual[0]) if usual else ""
     found = Validation(len(results), tuple(candidates), learned, usual[0] if usual else None, advantage)
     study.set_attribute(_VALIDATION, found.to_json())
+    executions.file.unlink(missing_ok=True)
     return found
+
+
+class _Executions:
+    """The executions of a validation. Each outcome is kept in a file of the study until the validation is stored."""
+
+    def __init__(self, study: LearningStudy, repeat: Repeat) -> None:
+        self._scenario = study.scenario
+        self._repeat = repeat
+        self.file = study.folder / UNFINISHED_FILE
+        self._known: dict[str, Outcome] = {}
+        lines = self.file.read_text(encoding="utf-8").splitlines() if self.file.exists() else []
+        for line in lines:
+            with suppress(ValueError):  # the last line, if the process was killed
+                key, outcome = json.loads(line)
+                self._known[key] = outcome if isinstance(outcome, str) else Repetition(**outcome)
+
+    def continued(self, samples: Sequence[Sample], count: int) -> list[Sample]:
+        """Repeats the configurations of samples until each has `count` repetitions."""
+        wanted = [[Execute(each.configuration, each.seed, index) for index in range(count)] for each in samples]
+        new = [job for jobs in wanted for job in jobs if _key(job) not in self._known]
+        with open(self.file, "a", encoding="utf-8") as file:
+            for job, outcome in zip(new, self._repeat(self._scenario, new), strict=True):
+                self._known[_key(job)] = outcome
+                data = outcome if isinstance(outcome, str) else asdict(outcome)
+                file.write(json.dumps([_key(job), data]) + "\n")
+                file.flush()
+        found = [tuple(self._known[_key(job)] for job in jobs) for jobs in wanted]
+        return [replace(each, outcomes=outcomes) for each, outcomes in zip(samples, found, strict=True)]
+
+
+def _raced(
+    objectives: Sequence[Objective], samples: Mapping[int, Sample], count: int, executions: _Executions
+) -> tuple[int, list[Sample]]:
+    """Chooses among candidates: round by round, those that cannot win any more are not repeated, nor a last one. The
+    choice is the one after `count` repetitions of each.
+
+    :returns: the number of the chosen one, and all samples.
+    """
+    found, racing, done = dict(samples), list(samples), 0
+    while done < count and len(racing) > 1:
+        done = min(count, done + _ROUND)
+        found |= zip(racing, executions.continued([found[number] for number in racing], done), strict=True)
+        best = max(found[number].good for number in racing)
+        racing = [number for number in racing if found[number].good + count - done >= best]
+    return min(racing, key=lambda number: _caution(objectives, found[number])), list(found.values())
+
+
+def _key(job: Execute) -> str:
+    return json.dumps([job.configuration, job.seed, job.index], sort_keys=True)
 
 
 def stored_validation(study: LearningStudy) -> Validation | None:
@@ -252,8 +301,9 @@ def repeat_here(execution: Execution | None = None) -> Repeat:
     :param execution: instead of the scenario's.
     """
 
-    def repeat(scenario: Scenario, jobs: Sequence[Execute]) -> list[Outcome]:
-        return [repeat_once(scenario, each.configuration, each.seed, each.index, execution) for each in jobs]
+    def repeat(scenario: Scenario, jobs: Sequence[Execute]) -> Iterator[Outcome]:
+        for each in jobs:
+            yield repeat_once(scenario, each.configuration, each.seed, each.index, execution)
 
     return repeat
 

@@ -100,6 +100,15 @@ class Variable(Section):
         unit = f" {self.unit}" if self.unit else ""
         return f"{self.low:g} to {self.high:g}{unit}"
 
+    @property
+    def typical(self) -> Value:
+        """An allowed value: the mean of the prior, the middle of the range, or the first one of several."""
+        if self.values:
+            first: Value = self.values[0]
+            return first
+        middle = self.prior.mean if isinstance(self.prior, Gaussian) else (self.low + self.high) / 2.0
+        return round(middle) if self.kind == "integer" else middle
+
     def problem(self, value: Any) -> str:
         """Describes why a value is not allowed; "" if it is."""
         if self.values:

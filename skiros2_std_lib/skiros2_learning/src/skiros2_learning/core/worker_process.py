@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import logging
+import multiprocessing
+import os
 import signal
+import threading
 
 from threadpoolctl import threadpool_limits
 
@@ -23,7 +26,15 @@ def begin(scenario: Scenario) -> None:
     logging.disable(logging.WARNING)  # of skills that fail: the result has the reason
     discard(STDOUT)  # the physics engine's
     threadpool_limits(1)  # the processes use all cores already
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     _scenarios.append(scenario)
+
+
+def _end_with_parent() -> None:
+    """Ends this process when the coordinator has died: nobody takes its result or enforces its timeout."""
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os._exit(1)
 
 
 def run(configuration: dict[str, Value], seed: int) -> Evaluation:

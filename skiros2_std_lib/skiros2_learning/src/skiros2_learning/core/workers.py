@@ -11,8 +11,9 @@ import logging
 import multiprocessing
 import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from pebble import ProcessExpired, ProcessFuture, ProcessPool
@@ -152,42 +153,41 @@ class OneByOne:
             study.release()
 
 
-def repeat_in_processes(count: int) -> Repeat:
-    """Returns a function that makes executions in parallel processes. Each execution has the timeout of an evaluation,
-    and is made again if its process dies.
+@contextmanager
+def repeat_in_processes(scenario: Scenario, count: int) -> Iterator[Repeat]:
+    """Gives a function that makes executions in parallel processes, which end with the `with` block. Each execution has
+    the timeout of an evaluation, and is made again if its process dies.
 
     :param count: number of processes.
     """
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPool(count, context=context, initializer=begin, initargs=(scenario,))  # they start when needed
 
-    def repeat(scenario: Scenario, jobs: Sequence[Execute]) -> list[Outcome]:
-        context = multiprocessing.get_context("spawn")
-        pool = ProcessPool(count, context=context, initializer=begin, initargs=(scenario,))
+    def start(job: Execute) -> ProcessFuture[Outcome]:
+        return pool.schedule(run_repetition, (job.configuration, job.seed, job.index), timeout=scenario.timeout)
 
-        def start(job: Execute) -> ProcessFuture[Outcome]:
-            given = (job.configuration, job.seed, job.index)
-            return pool.schedule(run_repetition, given, timeout=scenario.timeout)
+    def outcome(job: Execute, future: ProcessFuture[Outcome]) -> Outcome:
+        for attempt in range(1, ATTEMPTS + 1):
+            try:
+                return future.result()
+            except TimeoutError:
+                return _late(scenario)
+            except ProcessExpired as error:
+                ended = _ended(error)
+                log.warning("repetition %d: its process has died (%s), attempt %d", job.index, ended, attempt)
+            if attempt < ATTEMPTS:
+                future = start(job)
+        return f"its process died {ATTEMPTS} times ({ended})"
 
-        def outcome(job: Execute, future: ProcessFuture[Outcome]) -> Outcome:
-            for attempt in range(1, ATTEMPTS + 1):
-                try:
-                    return future.result()
-                except TimeoutError:
-                    return _late(scenario)
-                except ProcessExpired as error:
-                    ended = _ended(error)
-                    log.warning("repetition %d: its process has died (%s), attempt %d", job.index, ended, attempt)
-                if attempt < ATTEMPTS:
-                    future = start(job)
-            return f"its process died {ATTEMPTS} times ({ended})"
+    def repeat(_: Scenario, jobs: Sequence[Execute]) -> Iterator[Outcome]:
+        started = [(job, start(job)) for job in jobs]
+        return (outcome(*each) for each in started)
 
-        try:
-            started = [(job, start(job)) for job in jobs]
-            return [outcome(*each) for each in started]
-        finally:
-            pool.stop()  # type: ignore[no-untyped-call]
-            pool.join()
-
-    return repeat
+    try:
+        yield repeat
+    finally:
+        pool.stop()  # type: ignore[no-untyped-call]
+        pool.join()
 
 
 def _late(scenario: Scenario) -> str:

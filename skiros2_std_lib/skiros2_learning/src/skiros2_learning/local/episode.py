@@ -16,7 +16,7 @@ import numpy as np
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName, WrongValue
-from skiros2_common.core.params import Param
+from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_learning.core.elements import find_element
 from skiros2_learning.core.episode_record import EpisodeRecord
@@ -271,6 +271,12 @@ def step_problems(scenario: Scenario, step: Step, bench: SkillBench) -> list[str
     for key in (*step.parameters, *variables):
         if key not in declared:
             found.append(f"{step.skill} has no parameter {key!r}; {near(key, declared)}")
+    given = {*step.parameters, *variables}
+    found += [
+        f"{step.name}.{key}: missing; the skill requires a value: fix it in the task, or make it a variable"
+        for key, param in declared.items()
+        if key not in given and is_missing(param)
+    ]
     for key, variable in variables.items():
         if key not in declared:
             continue
@@ -297,6 +303,11 @@ def declared_parameters(bench: SkillBench, step: Step) -> dict[str, Param]:
     """
     candidates = bench.library.candidates(step.skill, step.label)
     return dict(candidates[0].declared.params.items())
+
+
+def is_missing(param: Param) -> bool:
+    """Whether a start of the skill needs a value that is neither an element nor declared."""
+    return param.paramTypeIs(ParamTypes.Required) and not param.is_element and not param.is_bound()
 
 
 def why(task: BenchTask) -> str:

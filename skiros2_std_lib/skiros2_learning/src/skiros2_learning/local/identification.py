@@ -17,6 +17,7 @@ from skiros2_common.core.yaml_text import read_yaml
 from skiros2_learning.core.scenario import Step
 from skiros2_learning.core.sections import near
 from skiros2_learning.core.variables import KINDS
+from skiros2_learning.local.episode import is_missing
 from skiros2_skill.core.engine.learned_parameters import HAS_PARAMETER
 from skiros2_skill.testing import SkillBench
 from skiros2_task.core.actions import ROBOT_KEY
@@ -134,11 +135,6 @@ def _follows(param: Param, bench: SkillBench) -> bool:
 
 def _declared(bench: SkillBench, skill: str, label: str = "") -> dict[str, Param]:
     return dict(bench.library.candidates(skill, label)[0].declared.params.items())
-
-
-def is_missing(param: Param) -> bool:
-    """Whether a start of the skill needs a value that is neither an element nor declared."""
-    return param.paramTypeIs(ParamTypes.Required) and not param.is_element and not param.is_bound()
 
 
 def variable_of(param: Param, individual: Element | None = None) -> dict[str, Any]:

@@ -153,7 +153,9 @@ class Arm:
             return
         links = links_after(self._physics, self.body, joint.index)
         random = np.random.default_rng((seed, joint.index))
-        sensor = MountedSensor(self._physics, Part(self.body, joint.index), links, model, random)
+        part, gripper = Part(self.body, joint.index), self.gripper
+        borne = gripper.borne if gripper is not None else lambda: None
+        sensor = MountedSensor(self._physics, part, links, model, random, borne)
         if sensor.mass > 0.0:
             self.sensor = sensor
 

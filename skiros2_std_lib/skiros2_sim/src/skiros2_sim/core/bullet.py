@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
-import os
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from skiros2_common.core.errors import ConfigurationError, Refused
+from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.tools.output import STDERR, discarded
 from skiros2_motion.core.geometry import IDENTITY, Pose, Quaternion, Vector, composed, rotated
+from skiros2_sim.core.bullet_connection import connect
+from skiros2_sim.core.bullet_couplings import Couplings
 from skiros2_sim.core.physics import ContactPoint, Image, Joint, JointState, Part
 from skiros2_sim.core.scene_spec import Colour
 
@@ -54,11 +53,12 @@ class Bullet:
 
     def __init__(self, gui: bool = False) -> None:
         self._gui = gui
-        self.id = _connect(gui)
+        self.id = connect(gui)
         #: Of each call: which world it is for.
         self._world = {"physicsClientId": self.id}
         #: Of each body: the frame of its centre of mass in that of its first link, and the inverse. Both are constant.
         self._inner: dict[int, tuple[_Frame, _Frame]] = {}
+        self._couplings = Couplings(self.id)
 
     # -- time ------------------------------------------------------------------------------------------------------
 
@@ -73,6 +73,7 @@ class Bullet:
     def step(self) -> None:
         _end_contacts_at(self._contact_end, self.id)
         pybullet.stepSimulation(**self._world)
+        self._couplings.after_step()
 
     def show(self, shown: bool) -> None:
         if self._gui:
@@ -286,12 +287,11 @@ class Bullet:
             **self._world,
         )
 
-    def couple(self, body: int, one: int, other: int, force: float) -> None:
-        axis, origin = (1, 0, 0), (0, 0, 0)
-        gear = pybullet.createConstraint(
-            body, one, body, other, pybullet.JOINT_GEAR, axis, origin, origin, **self._world
-        )
-        pybullet.changeConstraint(gear, gearRatio=-1, erp=0.1, maxForce=force, **self._world)
+    def couple(self, body: int, one: int, other: int, force: float) -> int:
+        return self._couplings.add(body, one, other, force)
+
+    def coupling_force(self, coupling: int) -> float:
+        return self._couplings.force(coupling)
 
     def add_force_sensor(self, body: int, joint: int) -> None:
         pybullet.enableJointForceTorqueSensor(body, joint, True, **self._world)
@@ -354,21 +354,6 @@ def _end_contacts_at(distance: float, world: int) -> None:
         pybullet.setPhysicsEngineParameter(contactBreakingThreshold=distance, physicsClientId=world)
 
 
-def _connect(gui: bool) -> int:
-    """Create a world. Return its id.
-
-    :raises Refused: no window can be opened, or there are too many worlds.
-    """
-    with _display() if gui else nullcontext():
-        client: int = pybullet.connect(pybullet.GUI if gui else pybullet.DIRECT)
-    if client < 0:
-        raise Refused(f"PyBullet cannot open {'a window' if gui else 'another world'}")
-    if gui:
-        for what in (pybullet.COV_ENABLE_GUI, pybullet.COV_ENABLE_SHADOWS):
-            pybullet.configureDebugVisualizer(what, 0, physicsClientId=client)
-    return client
-
-
 def _urdf_flags(exact_cylinders: bool, visuals: bool) -> int:
     flags: int = pybullet.URDF_MAINTAIN_LINK_ORDER | pybullet.URDF_ENABLE_CACHED_GRAPHICS_SHAPES
     # Links of one chain do not collide with each other; an arm collides with the base and with other arms.
@@ -426,25 +411,3 @@ def _joint(info: Sequence[Any]) -> Joint:
         parent=int(info[16]),
         axis=info[13],
     )
-
-
-@contextmanager
-def _display() -> Iterator[None]:
-    """Keeps an X display open. PyBullet ends the process without one, and a server without a window manager restarts
-    when its last client disconnects.
-
-    :raises Refused: there is no display.
-    """
-    try:
-        x11 = ctypes.CDLL("libX11.so.6")
-        x11.XOpenDisplay.restype = ctypes.c_void_p
-        x11.XCloseDisplay.argtypes = [ctypes.c_void_p]
-        display = x11.XOpenDisplay(None)
-    except OSError:
-        display = None
-    if not display:
-        raise Refused(f"PyBullet cannot open a window: no X display {os.environ.get('DISPLAY', '')!r}")
-    try:
-        yield
-    finally:
-        x11.XCloseDisplay(display)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_motion.core.geometry import Pose, angle_between
+from skiros2_motion.core.geometry import Pose, Vector, angle_between, rotated
 from skiros2_motion.core.motion import Outcome, State
 from skiros2_sim.core.physics import Joint, Part, Physics
 from skiros2_sim.core.scene_spec import GripperSpec
@@ -46,8 +46,9 @@ class Gripper:
         for joint in fingers:
             physics.set_joint(body, joint.index, joint.upper)
         self.set_friction(1.0)
-        if len(fingers) == 2:
-            physics.couple(body, self._indices[0], self._indices[1], _COUPLING)  # so that a gripped object is centred
+        self._coupling: int | None = None
+        if len(fingers) == 2:  # so that a gripped object is centred
+            self._coupling = physics.couple(body, self._indices[0], self._indices[1], _COUPLING)
         self.drive(self.max_width)
         self._steps = 0
         self._direction = self.tool_pose().orientation
@@ -62,6 +63,16 @@ class Gripper:
             return 0.0
         pressed = [abs(state.effort) for state in self._physics.joint_states(self.body, self._indices)]
         return sum(pressed) / len(pressed)
+
+    def borne(self) -> tuple[Vector, Vector] | None:
+        """Returns a point, and the force on the hand along its fingers that their coupling has borne in the last step
+        (N), both in the map; None without a coupling."""
+        if self._coupling is None:
+            return None
+        x, y, z = self.joints[0].axis
+        pose = self._physics.link_pose(Part(self.body, self._indices[0]))
+        force = -self._physics.coupling_force(self._coupling)
+        return pose.position, rotated(pose.orientation, (force * x, force * y, force * z))
 
     def tool_pose(self) -> Pose:
         """Pose of the frame between the fingertips, in the map."""

@@ -251,8 +251,11 @@ class Physics(Protocol):
     def drive_to(self, body: int, joint: int, position: float, effort: float, speed: float) -> None:
         """Set the target position, maximum effort and maximum speed of a motor until the next command."""
 
-    def couple(self, body: int, one: int, other: int, force: float) -> None:
-        """Make two joints keep equal positions, with a maximum force."""
+    def couple(self, body: int, one: int, other: int, force: float) -> int:
+        """Make two joints keep equal positions, with a maximum force. Return the coupling."""
+
+    def coupling_force(self, coupling: int) -> float:
+        """Return the force of a coupling on its first joint in the last step, which no `reaction` contains."""
 
     def add_force_sensor(self, body: int, joint: int) -> None:
         """Measure the `reaction` of a joint from now on."""

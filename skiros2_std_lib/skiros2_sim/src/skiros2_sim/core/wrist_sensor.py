@@ -10,13 +10,13 @@ It is read in each step: with six numbers, Python's floats take a third of the t
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_motion.core.geometry import Pose, conjugated, cross, rotated
+from skiros2_motion.core.geometry import Pose, Vector, conjugated, cross, rotated
 from skiros2_motion.core.numbers import finite
 from skiros2_sim.core.physics import Part, Physics
 
@@ -94,11 +94,12 @@ def _with_errors(felt: float, hand: float, bias: float, noise: float) -> float:
 
 class MountedSensor:
     """A sensor on a fixed joint of a simulated robot. The engine measures the force on the child link, in the frame of
-    its centre of mass.
+    its centre of mass, without those that the coupling of two fingers bears.
 
     :param part: the child link of the joint.
     :param links: the child link and all its descendants.
     :param random: source of the noise.
+    :param borne: as `Gripper.borne`.
     """
 
     def __init__(
@@ -108,8 +109,9 @@ class MountedSensor:
         links: Sequence[int],
         model: SensorModel,
         random: np.random.Generator,
+        borne: Callable[[], tuple[Vector, Vector] | None] = lambda: None,
     ) -> None:
-        self._physics, self._part = physics, part
+        self._physics, self._part, self._borne = physics, part, borne
         physics.add_force_sensor(*part)
         masses = [physics.mass(Part(part.body, link)) for link in links]
         centres = [physics.mass_pose(Part(part.body, link)).position for link in links]
@@ -152,8 +154,14 @@ class MountedSensor:
     def _measure(self) -> Wrench:
         if self._measured is None:
             reaction = self._physics.joint_states(self._part.body, (self._part.link,))[0].reaction
-            self._pose = self._frame()
-            self._measured = self._sensor.measure([-part for part in reaction], self._pose.orientation)
+            self._pose = pose = self._frame()
+            felt = [-part for part in reaction]
+            borne = self._borne()
+            if borne is not None:
+                (px, py, pz), (x, y, z), force = borne[0], pose.position, borne[1]
+                back, torque = conjugated(pose.orientation), cross((px - x, py - y, pz - z), force)
+                felt = [a + b for a, b in zip(felt, (*rotated(back, force), *rotated(back, torque)), strict=True)]
+            self._measured = self._sensor.measure(felt, pose.orientation)
         return self._measured
 
     def _frame(self) -> Pose:

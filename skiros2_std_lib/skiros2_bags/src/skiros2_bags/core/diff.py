@@ -3,6 +3,7 @@
 Runs are matched by order: the n-th task of a robot with the n-th task of that robot, the n-th change by an author with
 the n-th change by that author. The order between robots is not compared. A sequence is compared up to its first
 difference, since one missing entry shifts the rest. Pose updates are not compared one by one, only the final poses.
+Registered skills are matched by label; their comments are not compared.
 
 Time stamps are not compared, measured numbers within a tolerance, and names of skill managers without the leading
 slash.
@@ -18,6 +19,7 @@ from enum import StrEnum
 from typing import Any
 
 from skiros2_bags.core.bag_file import MONITOR, PROGRESS
+from skiros2_bags.core.registered_skills import RegisteredSkills
 from skiros2_bags.core.run import Run
 from skiros2_bags.core.world_history import TimedChange
 from skiros2_common.core.names import id_order
@@ -126,11 +128,12 @@ def _by_robot(run: Run) -> dict[str, list[TaskRun]]:
 
 def _changes(run: Run, other: Run, tolerance: Tolerance) -> Iterator[Difference]:
     expected, got = (_by_author(r) for r in (run, other))
+    names = _names(run), _names(other)
     for author in sorted({*expected, *got}):
         one, two = expected[author], got[author]
         for number in range(max(len(one), len(two))):
             both = number < len(one) and number < len(two)
-            lines = diff_changes(one[number].change, two[number].change, tolerance) if both else []
+            lines = diff_changes(one[number].change, two[number].change, tolerance, names=names) if both else []
             if both and not lines:
                 continue
             sides = [[(t.time - r.start, summary(t.change)) for t in side] for r, side in ((run, one), (other, two))]
@@ -144,10 +147,17 @@ def _changes(run: Run, other: Run, tolerance: Tolerance) -> Iterator[Difference]
             break
 
 
+def _names(run: Run) -> Mapping[str, str]:
+    return RegisteredSkills(run.changes()).names if MONITOR in run.topics.values() else {}
+
+
 def _by_author(run: Run) -> dict[str, list[TimedChange]]:
     changes = defaultdict(list)
-    for timed in without_moves(run.changes()) if MONITOR in run.topics.values() else []:
-        changes[timed.change.author].append(timed)
+    if MONITOR in run.topics.values():
+        skills = RegisteredSkills(run.changes())
+        for timed in without_moves(run.changes()):
+            if not skills.concerns(timed.change):
+                changes[timed.change.author].append(timed)
     return changes
 
 
@@ -155,14 +165,29 @@ def _scene(run: Run, other: Run, tolerance: Tolerance) -> Iterator[Difference]:
     if MONITOR not in run.topics.values() or MONITOR not in other.topics.values():
         return
     expected, got = run.world(), other.world()
-    for eid in sorted({node.id for scene in (expected, got) for node in scene}, key=id_order):
+    skills = [RegisteredSkills(r.changes()) for r in (run, other)]
+    names = skills[0].names, skills[1].names
+    yield from _skills(run, skills[0], skills[1], tolerance)
+    ids = [{node.id for node in scene} - known.keys() for scene, known in zip((expected, got), names, strict=True)]
+    for eid in sorted(ids[0] | ids[1], key=id_order):
         one, two = expected.element(eid), got.element(eid)
         if one is None or two is None:
             there = [f'there, "{e.label}"' if e is not None else "not there" for e in (one, two)]
             yield Difference(Kind.SCENE, run.end - run.start, eid, *there)
         else:
-            for text in diff_elements(one, two, tolerance):
+            for text in diff_elements(one, two, tolerance, names=names):
                 yield Difference(Kind.SCENE, run.end - run.start, f'{eid} "{one.label}"', "", text)
+
+
+def _skills(run: Run, one: RegisteredSkills, two: RegisteredSkills, tolerance: Tolerance) -> Iterator[Difference]:
+    for name in sorted({*one.elements, *two.elements}):
+        expected, got = one.elements.get(name), two.elements.get(name)
+        if expected is None or got is None:
+            there = ["registered" if e is not None else "not registered" for e in (expected, got)]
+            yield Difference(Kind.SCENE, run.end - run.start, name, *there)
+        else:
+            for text in diff_elements(expected, got, tolerance, STAMPS | COMMENTS, names=(one.names, two.names)):
+                yield Difference(Kind.SCENE, run.end - run.start, name, "", text)
 
 
 # -- sequences --------------------------------------------------------------------------------------------------------
@@ -229,6 +254,12 @@ _MANAGER = "skiros:SkillMgr"
 #: Properties that differ in every run.
 STAMPS = frozenset({"skiros:TfTimeStamp"})
 
+#: Properties for people.
+COMMENTS = frozenset({"rdfs:comment"})
+
+#: The names of registered skills and their parts by id, in each of two runs.
+Names = tuple[Mapping[str, str], Mapping[str, str]]
+
 
 def diff_elements(
     expected: Element,
@@ -236,11 +267,13 @@ def diff_elements(
     tolerance: Tolerance,
     ignored: Collection[str] = STAMPS,
     commanded: Tolerance | None = None,
+    names: Names = ({}, {}),
 ) -> list[str]:
     """Returns the differences between two elements, one line each.
 
     :param ignored: keys of properties that are not compared.
     :param commanded: the tolerance of all values but poses; None: also `tolerance`.
+    :param names: replace ids in relations, in the first and in the second run.
     """
     lines = []
     if (expected.type, expected.label) != (got.type, got.label):
@@ -251,7 +284,7 @@ def diff_elements(
             wanted, found = ([str(v).lstrip("/") for v in values] for values in (wanted, found))
         if not same_values(wanted, found, tolerance if commanded is None or POSE.fullmatch(key) else commanded):
             lines.append(f"{key} is {_format_values(found)}, expected {_format_values(wanted)}")
-    wanted_relations, found_relations = _relations(expected), _relations(got)
+    wanted_relations, found_relations = _relations(expected, names[0]), _relations(got, names[1])
     lines += [f"lacks {' '.join(relation)}" for relation in sorted(wanted_relations - found_relations)]
     return lines + [f"has {' '.join(relation)}" for relation in sorted(found_relations - wanted_relations)]
 
@@ -262,11 +295,12 @@ def diff_changes(
     tolerance: Tolerance,
     unchanged: Mapping[str, Collection[str]] | None = None,
     commanded: Tolerance | None = None,
+    names: Names = ({}, {}),
 ) -> list[str]:
     """Returns the differences between two changes, one line each.
 
     :param unchanged: the keys of properties that neither change has written, by element: they are not compared.
-    :param commanded: see `diff_elements`.
+    :param commanded, names: see `diff_elements`.
     """
     ignored = {eid: STAMPS.union(keys) for eid, keys in (unchanged or {}).items()}
     wanted, found = {e.id: e for e in expected.elements}, {e.id: e for e in got.elements}
@@ -275,7 +309,7 @@ def diff_changes(
     lines = [
         f"{eid} {line}"
         for eid in wanted
-        for line in diff_elements(wanted[eid], found[eid], tolerance, ignored.get(eid, STAMPS), commanded)
+        for line in diff_elements(wanted[eid], found[eid], tolerance, ignored.get(eid, STAMPS), commanded, names)
     ]
     if _facts(expected.relations) != _facts(got.relations):
         lines.append(f"{summary(got)}, expected {summary(expected)}")
@@ -302,9 +336,10 @@ def summary(change: Change) -> str:
     return f"{change.action} {', '.join(parts) or 'of the ontologies'}"
 
 
-def _relations(element: Element) -> set[tuple[str, str, str]]:
+def _relations(element: Element, names: Mapping[str, str]) -> set[tuple[str, str, str]]:
+    own = {"-1": names.get(element.id, element.id), **names}
     facts = _facts(element.relation_view)
-    return {tuple(element.id if end == "-1" else end for end in fact) for fact in facts}  # type: ignore[misc]
+    return {tuple(own.get(end, end) for end in fact) for fact in facts}  # type: ignore[misc]
 
 
 def _facts(relations: Sequence[Any]) -> set[tuple[str, str, str]]:

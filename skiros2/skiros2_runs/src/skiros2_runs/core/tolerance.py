@@ -41,6 +41,9 @@ class Tolerance:
 #: For runs without physics.
 NARROW = Tolerance(0.001, 0.001)
 
+#: For poses that skills calculate from measured ones.
+MEASURED = Tolerance(0.02, 0.02)
+
 #: For what is commanded: a re-run has the same inputs, and calculates the same numbers but for rounding.
 COMMANDED = Tolerance(1e-9, 1e-12)
 

@@ -53,7 +53,7 @@ from skiros2_bags.testing.rerun_task import RerunManager, RerunTask
 from skiros2_common.core.operations import Change
 from skiros2_common.ros.connections import ServerWatch
 from skiros2_runs.core.compare import Divergence
-from skiros2_runs.core.tolerance import COMMANDED, NARROW, Tolerance
+from skiros2_runs.core.tolerance import COMMANDED, MEASURED, NARROW, Tolerance
 from skiros2_skill.testing.fake_clock import FakeClock
 from skiros2_skill.testing.faults import replaced
 from skiros2_world_model.core.replica import apply_change, scene_of
@@ -71,7 +71,7 @@ class Settings:
         the world model.
     :param played: labels of primitives that are replaced by their recorded progress, besides those whose class says so
         (`PrimitiveBase.replays_progress`).
-    :param tolerance: of measured numbers.
+    :param tolerance: of measured numbers; unless it is given, that of poses is `MEASURED` where others move elements.
     :param max_orders: the most orders of nearly simultaneous events to try.
     :param plans: whether the plans are made again and compared; takes seconds.
     """
@@ -202,12 +202,14 @@ class RerunPass:
         self._first = min(run.begin for run in runs)
         self._inputs = input_operations(recording)
         self._unchanged = recorded_unchanged(recording)
-        #: Skills that work with poses that others have measured do not get exactly the same in each order of events.
+        #: Whether others have moved elements: skills that work with their poses do not get exactly the same again.
         self._has_measured_poses = any(
             self._moves(event)
             for event in recording.changes
             if event.order >= self._first and event.order not in self._own
         )
+        measured = MEASURED if settings.tolerance == NARROW else settings.tolerance
+        self._pose_tolerance = measured if self._has_measured_poses else COMMANDED
         scene = scene_before(recording, self._first)
         self.model = world_model_with(scene, settings.workspace)
         add_reasoners(self.model)
@@ -296,7 +298,7 @@ class RerunPass:
                 "does not have it; record the run again with --evidence"
             )
         if self._has_measured_poses:
-            near = f"{self._tolerance.absolute:g} (relative {self._tolerance.relative:g})"
+            near = f"{self._pose_tolerance.absolute:g} (relative {self._pose_tolerance.relative:g})"
             found.append(f"poses within {near}: others have moved elements in this run")
         if self._own:
             found.append("writes that change nothing: the world model publishes none")
@@ -381,8 +383,7 @@ class RerunPass:
             got, unchanged = waiting.pop(0)
             recorded = self._unchanged[event.order]
             neither = {eid: keys & recorded.get(eid, set()) for eid, keys in unchanged.items()}
-            poses = self._tolerance if self._has_measured_poses else COMMANDED
-            differences = diff_changes(event.change, got, poses, neither, COMMANDED)
+            differences = diff_changes(event.change, got, self._pose_tolerance, neither, COMMANDED)
             if differences:
                 what = f"the world model, by {event.change.author}"
                 return Divergence(self._where(event), what, summary(event.change), "\n".join(differences))

@@ -65,6 +65,7 @@ def test_simulated_time_needs_one_clock(ros: Ros, examine: Examine) -> None:
         ros.master.delete_parameter("/use_sim_time")
 
 
+@pytest.mark.long
 def test_frame_with_two_publishers_is_found(ros: Ros, examine: Examine) -> None:
     pose = ("1", "0", "0", "0", "0", "0")
     other = ros.program("rosrun", "tf2_ros", "static_transform_publisher", *pose, "map", "tool")

@@ -233,6 +233,7 @@ def test_task_continues_without_its_client(ros, robot):
     monitor.wait_for(lambda m: m.progress[0].id == task and m.progress[0].progress_code == -1)
 
 
+@pytest.mark.long
 def test_goals_end_when_the_manager_shuts_down(ros, own_robot):
     run = own_robot.run([skill(own_robot, "stay")])
     run.wait_for_task(30)
@@ -309,6 +310,7 @@ def test_why_names_the_author_of_the_last_change_of_a_condition(robot):
     assert [(c.element, c.author) for c in why.all_changes()] == [(box.id, "/cleaner"), (product.id, "/cleaner")]
 
 
+@pytest.mark.long
 def test_why_without_a_task_explains_the_last_failure(ros, own_robot):
     answer = ros.service(f"{ROBOT}/why", srvs.SkillWhy)(-1)
     assert (answer.ok, answer.text) == (False, "no task has failed or was refused")
@@ -440,6 +442,7 @@ def test_the_tick_rate_is_that_of_the_parameter(ros, shared):
 # -- managers that die, goals that are odd ----------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_goal_of_a_killed_manager_is_lost(ros, own_robot):
     run = own_robot.run([skill(own_robot, "stay")])
     task = run.wait_for_task(30)

@@ -20,7 +20,7 @@ from skiros2_msgs import srv as srvs
 from support.ros import Ros, RosMaster, wait_until
 from system.test_achieve import Cell
 
-pytestmark = pytest.mark.timeout(400)
+pytestmark = [pytest.mark.long, pytest.mark.timeout(400)]
 
 ROBOT = "/porter"
 LONG = "x" * 1_000_000

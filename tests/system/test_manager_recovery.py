@@ -194,6 +194,7 @@ def test_last_will_is_empty_after_a_clean_shutdown(cell: Cell, ros: Ros) -> None
     assert cell.was_never_buried()
 
 
+@pytest.mark.long
 def test_suspended_manager_continues(cell: Cell) -> None:
     cell.moves_for_long()
     process = cell.ros.master.node_pid(ROBOT)
@@ -229,6 +230,7 @@ def test_skills_of_a_killed_manager_are_gone_for_clients_and_planning(
     assert plan(goal) == PLAN
 
 
+@pytest.mark.long
 def test_killed_manager_is_noticed_while_simulated_time_is_paused(ros: Ros, tmp_path: Path) -> None:
     ros.master.set_parameter("/use_sim_time", True)
     cell = Cell(ros, tmp_path)
@@ -286,6 +288,7 @@ def test_restarted_manager_is_registered_once_and_works(ros: Ros, tmp_path: Path
         assert cell.works()
 
 
+@pytest.mark.long
 def test_clients_distinguish_a_restarted_manager(cell: Cell, ros: Ros, layer: SkillLayerInterface) -> None:
     wait_until(lambda: ROBOT in layer.agents, what="the manager")
     former = layer.agents[ROBOT]
@@ -306,6 +309,7 @@ def is_other_process(ros: Ros, process: int) -> bool:
         return False
 
 
+@pytest.mark.long
 def test_quickly_restarted_manager_frees_its_locks(cell: Cell, ros: Ros) -> None:
     cell.moves_for_long()
     world_model = ros.master.node_pid("/wm")
@@ -330,6 +334,7 @@ def is_there(ros: Ros) -> bool:
 # -- a world model that dies -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_manager_that_dies_without_world_model_is_removed_later(cell: Cell, ros: Ros) -> None:
     cell.moves_for_long()
     ros.kill_node("/wm")
@@ -365,6 +370,7 @@ def test_blank_world_model_receives_the_last_wills_again(cell: Cell, ros: Ros) -
     cell.has_buried()
 
 
+@pytest.mark.long
 def test_missed_release_of_a_lock_is_repeated(cell: Cell, ros: Ros) -> None:
     cell.moves_for_long()
     ros.kill_node("/wm")

@@ -388,6 +388,7 @@ def test_eight_tabs_are_live_and_stop_works_in_the_last(page: Any, cell: JobCell
         expect(tab.locator(".left .card .chip", has_text="idle")).to_be_visible()
 
 
+@pytest.mark.long
 def test_runs_of_a_killed_robot_end_as_lost(page: Any, cell: JobCell) -> None:
     expect = playwright.expect
     _log_in(page, TOKENS["operate"])

@@ -56,6 +56,7 @@ def test_a_study_of_a_similar_task_needs_fewer_evaluations_with_an_earlier_one(
     assert min(warm) < 0.005
 
 
+@pytest.mark.long
 def test_an_earlier_study_of_another_task_does_not_keep_from_the_optimum(
     earlier: LearningStudy, tmp_path: Path
 ) -> None:

@@ -46,6 +46,7 @@ def test_defaults_and_randomised_quantities_are_found(insertion: Scenario) -> No
     assert bore["sensor: force"] == "standard deviation 0.1 N"
 
 
+@pytest.mark.long
 def test_a_good_search_finds_the_bore_in_spite_of_the_error_of_its_pose(good: Evaluation) -> None:
     assert not good.error
     assert good.success_rate == 1.0, good.repetitions[0].reason
@@ -60,10 +61,8 @@ def test_an_insertion_is_the_same_bit_for_bit_and_differs_with_the_seed(insertio
     assert first != other
 
 
-@pytest.mark.parametrize(
-    "zero",
-    ["Force", *(pytest.param(zero, marks=pytest.mark.long) for zero in ("Radius", "PathVelocity", "PathDistance"))],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("zero", ["Force", "Radius", "PathVelocity", "PathDistance"])
 def test_a_search_without_force_or_motion_is_a_bad_result_after_one_failure(insertion: Scenario, zero: str) -> None:
     wanted = dataclasses.replace(insertion, repetitions=4, simulation=Simulation(time_limit=6.5))
     result = evaluate(wanted, {**GOOD, f"SpiralSearch.{zero}": 0.0}, 3)

@@ -92,6 +92,7 @@ def test_part_that_slips_in_the_fingers_is_still_pushed_to_the_floor(study: Inse
     assert run.depth == pytest.approx(0.06, abs=0.0005)
 
 
+@pytest.mark.long
 def test_part_that_slips_too_far_fails(study: InsertionStudy) -> None:
     run = study.run(seed=3, parameters=ONCE, disturb=once_deep(0.02, slip(0.008)))
     assert not run.reported

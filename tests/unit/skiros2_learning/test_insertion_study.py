@@ -40,6 +40,7 @@ def test_run_is_the_same_bit_by_bit_each_time(study: InsertionStudy, run: Insert
     assert run_with_error(study) == run
 
 
+@pytest.mark.long
 def test_blind_insertion_fails_with_an_error_of_two_millimetres(study: InsertionStudy) -> None:
     run = study.run(seed=2, position_error=0.002, skill="insert_blindly")
     assert not run.success

@@ -62,6 +62,7 @@ def test_errors_agree_with_their_covariance(runs: list[Run]) -> None:
     assert chi2.ppf(0.005, 6 * SEEDS) < sum(squared) < chi2.ppf(0.995, 6 * SEEDS)
 
 
+@pytest.mark.long
 def test_quality_of_an_estimate_is_reported(runs: list[Run]) -> None:
     assert all(run.estimate.fitness > 0.95 and run.estimate.views == 3 for run in runs)
     assert all(0.0003 < run.estimate.residual < 0.001 for run in runs)

@@ -66,6 +66,7 @@ def runs(task: Any, label: str) -> bool:
     return any(node.label == label and node.state is State.Running for node in task.nodes())
 
 
+@pytest.mark.long
 def test_skills_bring_a_displaced_product_to_another_tray(make_cell: Callable[..., Cell]) -> None:
     cell = make_cell(seed=7, position_noise=0.03, yaw_noise=0.5)
     cell.done("Drive", TargetLocation="Workstation 1")

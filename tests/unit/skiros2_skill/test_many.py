@@ -75,6 +75,7 @@ def test_thousand_levels_of_compounds_run_and_are_preempted(scheduler, bench):
     assert len(task.progress()) == 1004
 
 
+@pytest.mark.long
 def test_ten_thousand_parallel_nodes_are_preempted(scheduler, bench):
     bench.load(primitive(Work, "work", execute=lambda self: self.step()))
     group = Skill("", ParallelFf())(*(bench.node("work") for _ in range(10_000)))

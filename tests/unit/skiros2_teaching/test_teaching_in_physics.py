@@ -317,6 +317,7 @@ def test_preempted_motion_leaves_the_arm_at_rest(cell: TeachingCell) -> None:
     assert distances(cell.world.pose_of(GRIPPER), rests)[0] < 0.001
 
 
+@pytest.mark.long
 def test_failed_gripper_ends_the_replay(cell: TeachingCell) -> None:
     path = add_path(cell, "sweep", GripperEvent(0.0, 0.3))
     assert "gripper failed to move to 0.3 m: width 0.3 m: gripper gripper opens" in cell.refused(

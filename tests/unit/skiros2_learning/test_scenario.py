@@ -111,6 +111,27 @@ def test_values_that_contradict_each_other_are_refused() -> None:
     assert problems(fixed) == ("variables.Push.StartX: a variable, and fixed in the task: expected one of them",)
 
 
+def test_scales_and_constraints_between_variables_are_read_and_checked() -> None:
+    text = PLAIN.replace("n: {type: integer, range: [1, 5]}", "n: {type: integer, range: [1, 400], scale: log}")
+    plan = parse_scenario(f"{text}restrictions: [{{sum: {{x: 1, size: -0.25}}, at_most: 0}}]\n", Path("/"))
+    assert plan.variables[1].typical == 20
+    assert plan.allows({"x": 0.5, "n": 2, "size": 2, "gait": "trot"})
+    assert not plan.allows({"x": 0.6, "n": 2, "size": 2, "gait": "trot"})
+    found = problems(
+        PLAIN.replace("range: [0, 1]", "range: [0, 1], scale: log")
+        + "restrictions: [{sum: {siez: 1}, at_most: 0}, {sum: {gait: 1}, at_most: 0}, {sum: {x: 1}}]\n"
+    )
+    assert sorted(found) == [
+        "restrictions[2]: expected at_least or at_most",
+        "variables.x.scale: expected log only for a range above 0",
+    ]
+    (first, second) = problems(f"{PLAIN}restrictions: [{{sum: {{siez: 1, gait: 1}}, at_most: 0}}]\n")
+    assert first == "restrictions[0].sum.siez: expected a variable that is a number; near: size"
+    never = "restrictions: [{sum: {x: 1, size: 1}, at_most: 0.5}]\n"
+    assert problems(PLAIN + never) == ("restrictions[0]: no values of the variables satisfy it",)
+    assert second.startswith("restrictions[0].sum.gait: expected a variable that is a number; there are: n, size, x")
+
+
 def test_a_variable_must_belong_to_a_step_of_the_task() -> None:
     text = PUSH.read_text().replace("  Push.StartX", "  Pull.StartX").replace("../scene", str(PUSH.parent / "../scene"))
     assert problems(text) == ("variables.Pull.StartX: expected STEP.PARAMETER with a step of the task: Push",)

@@ -111,6 +111,19 @@ def test_interruption_ends_the_processes_and_keeps_what_is_finished(tmp_path: Pa
     assert len(run(again)) == 6
 
 
+@pytest.mark.parametrize("optimiser", ["prior", "tpe"])
+def test_every_configuration_satisfies_the_restrictions(tmp_path: Path, optimiser: str) -> None:
+    text = scenario_text("restricted", "parabola", "xy", evaluations=12, initial=5, optimiser=optimiser,
+                         restrictions="[{sum: {x: 1, y: 1}, at_most: 0.8}]")  # fmt: skip
+    study = LearningStudy.create(parse_scenario(text, tmp_path), tmp_path / "study")
+    for _ in range(12):
+        number, configuration, seed = study.ask()
+        study.tell(number, evaluate(study.scenario, configuration, seed))
+    drawn = [each.configuration for each in study.results().values()]
+    assert len(drawn) == 12
+    assert max(float(each["x"]) + float(each["y"]) for each in drawn) <= 0.8
+
+
 def test_two_runs_of_one_study_are_refused(tmp_path: Path) -> None:
     study = LearningStudy.create(scenario(tmp_path), tmp_path / "study")
     other = LearningStudy.open(tmp_path / "study")

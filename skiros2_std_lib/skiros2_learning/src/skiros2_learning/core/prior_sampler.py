@@ -30,7 +30,7 @@ would have, if its trials end in the same order.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,6 +75,8 @@ class PriorSampler(BaseSampler):
     :param n_startup_trials: trials that cover the prior before the first surrogate.
     :param beta: strength of the prior; a tenth of the number of trials is a good value.
     :param seed: of all random numbers; None for another one each time.
+    :param allowed: whether values satisfy constraints between variables; None if there are none. The first trial, for
+        which the variables are not known yet, may violate them.
     """
 
     def __init__(
@@ -84,10 +86,12 @@ class PriorSampler(BaseSampler):
         n_startup_trials: int = 10,
         beta: float = 10.0,
         seed: int | None = None,
+        allowed: Callable[[Mapping[str, Any]], bool] | None = None,
     ) -> None:
         self._priors = dict(priors or {})
         self._startup = n_startup_trials
         self._beta = beta
+        self._allowed = allowed
         self._seed = int(np.random.default_rng(seed).integers(2**31))
         self._space = IntersectionSearchSpace(include_pruned=True)
 
@@ -122,14 +126,23 @@ class PriorSampler(BaseSampler):
             start = np.random.default_rng(self._seed)
             is_uniform = trial.number % _UNIFORM_SHARE == _UNIFORM_SHARE - 1
             covering = (SearchSpace(search_space, {}) if is_uniform else space).covering(self._startup, start)
-            return space.values(covering[trial.number])
+            point = covering[trial.number]
+            return space.values(self._fitting(space, np.vstack([point, space.from_prior(_CANDIDATES, random)]))[0])
         if len(complete) < 2:
-            return space.values(space.from_prior(1, random)[0])
+            return space.values(self._fitting(space, space.from_prior(_CANDIDATES, random))[0])
         ended = [each for each in trials if each.state.is_finished()]
         running = [each for each in trials if each.state is TrialState.RUNNING]
         with threadpool_limits(1):  # the matrices are small: threads would cost more than they bring
             acquisition = self._acquisition(space, study, complete, ended, running, random)
-            return space.values(_maximise(space, acquisition, complete, random))
+            return space.values(self._maximised(space, acquisition, complete, random))
+
+    def _fitting(self, space: SearchSpace, points: Array) -> Array:
+        """Returns the points that are allowed; all if none is."""
+        allowed = self._allowed
+        if allowed is None:
+            return points
+        fitting = np.array([allowed(space.values(point)) for point in points], dtype=bool)
+        return points[fitting] if fitting.any() else points
 
     def recommended(self, study: Study) -> FrozenTrial:
         """Returns the trial with the best mean of the model: of noisy values, the best one has had luck.
@@ -201,6 +214,36 @@ class PriorSampler(BaseSampler):
             works = fit_surrogate(space.points(tried), ends, random, nominal=space.nominal)
         return _Acquisition(space, model, best, limits, works, strength)
 
+    def _maximised(
+        self,
+        space: SearchSpace,
+        acquisition: _Acquisition,
+        complete: Sequence[FrozenTrial],
+        random: np.random.Generator,
+    ) -> Array:
+        """Returns the best candidate: from the prior, at random, and near good trials; the best ones are refined."""
+        third = _CANDIDATES // 3
+        observed = space.points(complete)
+        good = observed[np.argsort(acquisition(observed))[::-1][:_REFINED]]
+        close = space.near(good, third // len(good), 0.1, random)
+        candidates = np.vstack([space.from_prior(third, random), space.uniform(third, random), close])
+        candidates = self._fitting(space, candidates)
+        seen = {tuple(point) for point in observed}
+        fresh = [i for i, point in enumerate(candidates) if tuple(point) not in seen]
+        if fresh:  # of a small discrete space all values may have been tried
+            candidates = candidates[fresh]
+        scores = acquisition(candidates)
+        for spread in _SPREADS:
+            order = np.argsort(scores)[::-1][:_REFINED]
+            top = candidates[order]
+            refined = space.near(top, _AROUND, spread, random)
+            refined = np.array([point for point in refined if tuple(point) not in seen] or top)
+            refined = self._fitting(space, refined)
+            candidates = np.vstack([top, refined])
+            scores = np.concatenate([scores[order], acquisition(refined)])
+        best: Array = candidates[int(np.argmax(scores))]
+        return best
+
 
 @dataclass(frozen=True)
 class _Acquisition:
@@ -244,31 +287,6 @@ def _log_improvement(z: Array) -> Array:
     high = np.maximum(z, -1.0)
     found: Array = np.where(z < -1.0, small, np.log(high * norm.cdf(high) + norm.pdf(high)))
     return found
-
-
-def _maximise(
-    space: SearchSpace, acquisition: _Acquisition, complete: Sequence[FrozenTrial], random: np.random.Generator
-) -> Array:
-    """Returns the best candidate: from the prior, at random, and near good trials; the best ones are refined."""
-    third = _CANDIDATES // 3
-    observed = space.points(complete)
-    good = observed[np.argsort(acquisition(observed))[::-1][:_REFINED]]
-    close = space.near(good, third // len(good), 0.1, random)
-    candidates = np.vstack([space.from_prior(third, random), space.uniform(third, random), close])
-    seen = {tuple(point) for point in observed}
-    fresh = [i for i, point in enumerate(candidates) if tuple(point) not in seen]
-    if fresh:  # of a small discrete space all values may have been tried
-        candidates = candidates[fresh]
-    scores = acquisition(candidates)
-    for spread in _SPREADS:
-        order = np.argsort(scores)[::-1][:_REFINED]
-        top = candidates[order]
-        refined = space.near(top, _AROUND, spread, random)
-        refined = np.array([point for point in refined if tuple(point) not in seen] or top)
-        candidates = np.vstack([top, refined])
-        scores = np.concatenate([scores[order], acquisition(refined)])
-    best: Array = candidates[int(np.argmax(scores))]
-    return best
 
 
 def _feasible(trials: Sequence[FrozenTrial]) -> npt.NDArray[np.bool_]:

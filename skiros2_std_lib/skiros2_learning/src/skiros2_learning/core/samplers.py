@@ -53,8 +53,9 @@ def make_sampler(scenario: Scenario) -> BaseSampler:
         match chosen:
             case "prior":
                 priors = {v.name: prior for v in scenario.variables if (prior := prior_of(v)) is not None}
+                allowed = scenario.allows if scenario.restrictions else None
                 beta = max(1.0, scenario.budget.evaluations / 10)
-                return PriorSampler(priors, n_startup_trials=initial, beta=beta, seed=seed)
+                return PriorSampler(priors, n_startup_trials=initial, beta=beta, seed=seed, allowed=allowed)
             case "tpe":
                 return optuna.samplers.TPESampler(n_startup_trials=initial, multivariate=True, seed=seed)
             case "nsga2":

@@ -39,10 +39,11 @@ from skiros2_learning.core.sections import (
     Text,
     mistaken,
     mistakes_of,
+    near,
     numbers,
     read,
 )
-from skiros2_learning.core.variables import Variable
+from skiros2_learning.core.variables import Restriction, Value, Variable
 from skiros2_learning.core.variations import Feature, variation_problems
 
 Optimiser = Literal["prior", "tpe", "nsga2", "random", "qmc", "cmaes", "optuna-gp", "gp", "botorch"]
@@ -218,6 +219,19 @@ def _of_the_task(variables: tuple[Variable, ...], info: _Info) -> tuple[Variable
     return variables
 
 
+def _between_numbers(restrictions: tuple[Restriction, ...], info: _Info) -> tuple[Restriction, ...]:
+    known = [v.name for v in info.data.get("variables", ()) if v.kind != "categorical"]
+    wrong = [(i, name) for i, each in enumerate(restrictions) for name in each.weights if name not in known]
+    if wrong and "variables" in info.data:
+        text = "expected a variable that is a number"
+        raise mistaken(((i, "sum", name), f"{text}; {near(name, known)}") for i, name in wrong)
+    ends = {v.name: v.values or v.range for v in info.data.get("variables", ())}
+    never = [i for i, each in enumerate(restrictions) if not wrong and not each.can_hold(ends)]
+    if never:
+        raise mistaken(((i,), "no values of the variables satisfy it") for i in never)
+    return restrictions
+
+
 def _of_the_features(variation: Any, info: _Info) -> Any:
     problems = variation_problems(info.data["variations"], variation) if variation and "variations" in info.data else []
     if problems:
@@ -238,6 +252,7 @@ class Scenario(Section):
     :param libraries: Python packages or modules with the skills of the task.
     :param plugins: Python modules that add rewards.
     :param execution: `module:function` that runs one execution; see `evaluation.Execution`.
+    :param restrictions: constraints between variables, which every configuration satisfies.
     :param success: what counts as success, besides the success of the task.
     :param repetitions: executions per configuration, each with another draw of the randomisation.
     :param max_failures: an evaluation ends after this number of executions without success: it is hopeless.
@@ -260,6 +275,7 @@ class Scenario(Section):
     plugins: Annotated[tuple[Text, ...], AfterValidator(_found), AfterValidator(_imported)] = ()
     task: Annotated[tuple[Step, ...], AfterValidator(_named_once)]
     variables: Annotated[Named[Variable], Some, AfterValidator(_of_the_task)]
+    restrictions: Annotated[tuple[Restriction, ...], AfterValidator(_between_numbers)] = ()
     objectives: Annotated[Named[Objective], Some]
     success: Criteria = ()
     constraints: Criteria = ()
@@ -307,6 +323,10 @@ class Scenario(Section):
         """The rewards of objectives, constraints and success."""
         weighted = [part.reward for objective in self.objectives for part in objective.rewards]
         return weighted + [criterion.reward for criterion in (*self.constraints, *self.success)]
+
+    def allows(self, configuration: Mapping[str, Value]) -> bool:
+        """Whether a configuration satisfies all restrictions."""
+        return all(each.holds(configuration) for each in self.restrictions)
 
     def check_variation(self, variation: Mapping[str, float]) -> None:
         """Checks the values of the features.

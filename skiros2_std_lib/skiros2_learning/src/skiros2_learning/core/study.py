@@ -49,6 +49,8 @@ _SAMPLERS_WITH_STATE = ("tpe", "nsga2", "random", "cmaes", "gp", "optuna-gp", "b
 RECONNECT_TIMEOUT, _RECONNECT_PERIOD = 30.0, 1.0
 #: Parts of a scenario that may differ between the processes that run one study in a database.
 _LOCAL_KEYS = ("scene", "budget", "optimiser", "timeout", "prior_from")
+#: Configurations that a sampler may propose until one satisfies the restrictions of the scenario.
+_DRAWS = 200
 #: Attributes of Optuna's trials. One that has failed without a result was interrupted.
 _RESULT, _SEED, _ERROR = "result", "seed", "error"
 #: Attribute of the study in a database: its scenario without the local keys.
@@ -216,8 +218,11 @@ class LearningStudy:
     def _ask(self) -> tuple[int, dict[str, Value], int]:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Heartbeat of storage")  # `beat` does what Study.optimize would
-            interrupted = self._interrupted.pop(0) if self._interrupted else None
-            trial = self.optuna.ask(self._distributions) if interrupted is None else self._trial(interrupted)
+            trial = (
+                self._trial(self._interrupted.pop(0))
+                if self._interrupted
+                else _draw(self.optuna, self._distributions, self.scenario)
+            )
         if self._url:
             self._beat(trial.number)
         self._asked[trial.number] = trial
@@ -373,12 +378,22 @@ def _reliably(folder: Path, url: str, work: Callable[[], T]) -> T:
         time.sleep(min(_RECONNECT_PERIOD, RECONNECT_TIMEOUT))
 
 
+def _draw(study: optuna.Study, distributions: Mapping[str, BaseDistribution], scenario: Scenario) -> Trial:
+    """Returns a new trial that satisfies the restrictions: others are pruned."""
+    for _ in range(_DRAWS):
+        trial = study.ask(dict(distributions))
+        if scenario.allows(trial.params):
+            return trial
+        study.tell(trial, state=TrialState.PRUNED)
+    raise Refused(f"optimiser {scenario.optimiser}: of {_DRAWS} configurations none satisfies the restrictions")
+
+
 def distribution_of(variable: Variable) -> BaseDistribution:
     """Returns Optuna's distribution of a variable."""
     if variable.kind == "real":
-        return FloatDistribution(variable.low, variable.high)
+        return FloatDistribution(variable.low, variable.high, log=variable.scale == "log")
     if variable.kind == "integer":
-        return IntDistribution(round(variable.low), round(variable.high))
+        return IntDistribution(round(variable.low), round(variable.high), log=variable.scale == "log")
     return CategoricalDistribution(variable.values)
 
 

@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import AfterValidator, Field, PlainValidator
 
-from skiros2_learning.core.sections import Mistake, Name, Number, Positive, Range, Section, Text, numbers, read
+from skiros2_learning.core.sections import (
+    Keyed,
+    Mistake,
+    Name,
+    Number,
+    Positive,
+    Range,
+    Section,
+    Some,
+    Text,
+    numbers,
+    read,
+)
 
 Kind = Literal["real", "integer", "ordinal", "categorical"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -74,6 +87,7 @@ class Variable(Section):
     :param name: SKILL.PARAMETER, or STEP.PARAMETER if the task has several steps of that skill.
     :param range: lowest and highest value of a real or an integer.
     :param values: of an ordinal (numbers, ascending) or a categorical variable.
+    :param scale: of a real or an integer: on a logarithmic one, samplers see 0.1 to 1 as wide as 1 to 10.
     :param prior: None for a uniform one.
     """
 
@@ -82,6 +96,7 @@ class Variable(Section):
     range: Range = (0.0, 0.0)
     values: tuple[Any, ...] = ()
     unit: Text = ""
+    scale: Literal["linear", "log"] = "linear"
     prior: Annotated[Prior | None, PlainValidator(_read_prior)] = None
 
     @property
@@ -106,7 +121,9 @@ class Variable(Section):
         if self.values:
             first: Value = self.values[0]
             return first
-        middle = self.prior.mean if isinstance(self.prior, Gaussian) else (self.low + self.high) / 2.0
+        middle = math.sqrt(self.low * self.high) if self.scale == "log" else (self.low + self.high) / 2.0
+        if isinstance(self.prior, Gaussian):
+            middle = self.prior.mean
         return round(middle) if self.kind == "integer" else middle
 
     def problem(self, value: Any) -> str:
@@ -129,6 +146,8 @@ class Variable(Section):
             yield (given,), "missing"
         if other in data:
             yield (other,), f"not for variables of type {kind}; give {given}"
+        elif data.get("scale") == "log" and (given != "range" or (limits and min(limits) <= 0.0)):
+            yield ("scale",), "expected log only for a range above 0"
         elif kind == "integer" and len(limits) == 2 and any(limit % 1 for limit in limits):
             yield ("range",), f"expected integers, got [{limits[0]:g}, {limits[1]:g}]"
         elif isinstance(values, list) and (text := _values_mistake(kind, values)):
@@ -140,6 +159,36 @@ class Variable(Section):
                 yield ("prior", key), f"not for variables of type {kind}; give {' or '.join(_PRIORS[kind])}"
             elif text := _prior_mistake(prior[key], key, ends, values if isinstance(values, list) else ()):
                 yield ("prior", key), text
+
+
+@dataclass(frozen=True)
+class Restriction(Section):
+    """A constraint between variables: a weighted sum of real, integer or ordinal ones has limits.
+
+    :param weights: by name of the variable.
+    """
+
+    weights: Annotated[Keyed[Number], Field(alias="sum"), Some]
+    at_least: Number = -math.inf
+    at_most: Number = math.inf
+
+    def holds(self, configuration: Mapping[str, Value]) -> bool:
+        """Whether a configuration satisfies it."""
+        total = sum(weight * float(configuration[name]) for name, weight in self.weights.items())
+        return self.at_least <= total <= self.at_most
+
+    def can_hold(self, ends: Mapping[str, Sequence[float]]) -> bool:
+        """Whether some values satisfy it.
+
+        :param ends: by name, the bounds or all values of each variable.
+        """
+        terms = [[weight * value for value in ends[name]] for name, weight in self.weights.items()]
+        return sum(map(min, terms)) <= self.at_most and sum(map(max, terms)) >= self.at_least
+
+    @classmethod
+    def mistakes(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        if not data.keys() & {"at_least", "at_most"}:
+            yield (), "expected at_least or at_most"
 
 
 def configuration_problems(variables: Sequence[Variable], configuration: dict[str, Any]) -> list[str]:

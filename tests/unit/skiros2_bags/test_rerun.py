@@ -17,6 +17,7 @@ from skiros2_bags.core.bag_file import BagError
 from skiros2_bags.testing.fake_action_clients import RecordedActions
 from skiros2_bags.testing.recording import Recording, recorded_tasks
 from skiros2_bags.testing.rerun import Settings, rerun
+from skiros2_bags.testing.stored import Stored, read_stored
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_demo_skills import timed_motions, transport_skills
@@ -108,6 +109,7 @@ def test_changed_processor_is_found(gripper: Recording, monkeypatch: pytest.Monk
     found = rerun(gripper, Settings()).divergence
     assert found is not None
     assert found.what == "root / grasp_and_wait"
+    assert (found.expected, found.got) == ("processor |ff|, running, code 0", "processor |fs|, running, code 0")
 
 
 def test_missing_condition_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,6 +175,7 @@ def test_program_prints_the_result(capsys: pytest.CaptureFixture[str]) -> None:
         "declared": [],
         "not_compared": UNSEEN,
         "plans": {"worse": [], "different": []},
+        "stored_orders": None,
     }
     assert main([str(BAGS / "none.bag")]) == 2
     assert "there is no such file" in capsys.readouterr().err
@@ -198,6 +201,22 @@ def _only_parameters(self: transport_skills.Manipulation) -> None:
         ("Gripper", "rparts:GripperEffector"),
     ):
         self.addParam(key, Element(kind), ParamTypes.Inferred)
+
+
+def test_tolerance_and_orders_are_stored_with_the_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = tmp_path / "drive.bag"
+    bag.write_bytes((BAGS / "timed_drive.bag").read_bytes())
+    options = [str(bag), "--workspace", str(WORKSPACE)]
+    assert main([*options, "--store", "--relative", "0.05", "--absolute", "0.01"]) == 0
+    assert read_stored(bag) == Stored(1, 0.05, 0.01)
+    assert main(options) == 0
+    Stored(0, 0.05, 0.01).write(bag)
+    capsys.readouterr()
+    assert main(options) == 0
+    assert "warning: 0 were enough when that was stored" in capsys.readouterr().out
+    (tmp_path / "drive.rerun.json").write_text("{}")
+    assert main(options) == 2
+    assert "expected orders, relative and absolute" in capsys.readouterr().err
 
 
 @pytest.mark.long

@@ -11,6 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from skiros2_bags.testing.rerun import MAX_ORDERS, Settings, replay
+from skiros2_bags.testing.stored import Stored
 from skiros2_common.command_line.command import OK, REFUSED, USAGE, CommandResult, Parser, run_command
 from skiros2_runs.core.tolerance import NARROW, Tolerance
 
@@ -28,6 +29,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--absolute", type=float, default=NARROW.absolute, help="absolute tolerance of numbers")
     parser.add_argument("--orders", type=int, default=MAX_ORDERS, help="the most event orders to try")
     parser.add_argument("--plans", action="store_true", help="make the plans again, and compare them (some seconds)")
+    parser.add_argument(
+        "--store", action="store_true", help="store tolerance and number of orders of a re-run without divergence"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON")
     given = parser.parse_args(arguments)
     tolerance = Tolerance(given.relative, given.absolute)
@@ -35,6 +39,8 @@ def main(arguments: list[str] | None = None) -> int:
 
     def work() -> CommandResult:
         found = replay(given.bag, Settings(given.workspace, played, tolerance, given.orders, given.plans))
+        if given.store and found.is_as_recorded:
+            Stored(found.orders, tolerance.relative, tolerance.absolute).write(given.bag)
         first = found.divergence
         data = {**asdict(found), "divergence": None if first is None else asdict(first)}
         return CommandResult(str(found).splitlines(), data, OK if found.is_as_recorded else REFUSED)

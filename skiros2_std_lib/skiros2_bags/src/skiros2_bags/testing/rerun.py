@@ -50,6 +50,7 @@ from skiros2_bags.testing.recording import (
     tick_times,
 )
 from skiros2_bags.testing.rerun_task import RerunManager, RerunTask
+from skiros2_bags.testing.stored import read_stored
 from skiros2_common.core.operations import Change
 from skiros2_common.ros.connections import ServerWatch
 from skiros2_runs.core.compare import Divergence
@@ -92,6 +93,7 @@ class ReplayResult:
     :param declared: how the declarations of skills in use differ from the recorded ones, a line each.
     :param not_compared: what a re-run of this bag does not compare, a line each.
     :param plans: see `PlanComparison`.
+    :param stored_orders: how many orders a re-run of this bag needed when that was stored; None: it was not.
     """
 
     divergence: Divergence | None
@@ -99,6 +101,7 @@ class ReplayResult:
     declared: tuple[str, ...] = ()
     not_compared: tuple[str, ...] = ()
     plans: PlanComparison = field(default_factory=PlanComparison)
+    stored_orders: int | None = None
 
     @property
     def is_as_recorded(self) -> bool:
@@ -110,20 +113,25 @@ class ReplayResult:
         lines += [str(self.divergence)] if self.divergence is not None else [] if lines else ["as recorded"]
         lines += [f"planned differently, not worse: {line}" for line in self.plans.different]
         lines += [f"{self.orders} event orders were tried"] if self.orders > 1 else []
+        if self.stored_orders is not None and self.orders > self.stored_orders:
+            lines.append(f"warning: {self.stored_orders} were enough when that was stored")
         return "\n".join([*lines, *(f"not compared: {line}" for line in self.not_compared)])
 
 
 def replay(bag: Path, settings: Settings) -> ReplayResult:
-    """Re-runs all tasks of a bag.
+    """Re-runs all tasks of a bag, with the tolerance that is stored with it unless another one is given.
 
     :raises BagError: the bag lacks required messages.
     :raises SkirosError: the re-run fails.
     """
     recording = Recording(bag)
+    stored = read_stored(bag)
+    if stored is not None and settings.tolerance == NARROW:
+        settings = replace(settings, tolerance=stored.tolerance)
     if settings.workspace is None:
         folder = str(recording.parameters.get("/wm/workspace_dir", ""))
         settings = replace(settings, workspace=Path(folder) if folder and Path(folder).is_dir() else None)
-    return rerun(recording, settings)
+    return replace(rerun(recording, settings), stored_orders=stored.orders if stored is not None else None)
 
 
 def rerun(recording: Recording, settings: Settings) -> ReplayResult:

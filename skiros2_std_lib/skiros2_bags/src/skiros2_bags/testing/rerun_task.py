@@ -305,12 +305,16 @@ class RerunTask:
         nodes = [tree.get(path) for tree in (wanted, found)]
         there = [node for node in nodes if node is not None]
         has_other_name = len({node.name for node in there}) > 1
-        texts = ["no such node" if node is None else _node_text(node, has_other_name) for node in nodes]
+        has_other_processor = len({node.processor for node in there}) > 1
+        texts = [
+            "no such node" if node is None else _node_text(node, has_other_name, has_other_processor) for node in nodes
+        ]
         return path_text(there[0].path), texts[0], texts[1]
 
 
-def _node_text(node: NodeProgress, with_name: bool) -> str:
+def _node_text(node: NodeProgress, with_name: bool, with_processor: bool) -> str:
     text = report_text(*_report(node))
+    text = f"processor {node.processor or 'none'}, {text}" if with_processor else text
     return f"{node.name}: {text}" if with_name else text
 
 

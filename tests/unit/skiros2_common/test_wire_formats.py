@@ -152,3 +152,11 @@ def test_class_can_be_registered_in_three_steps():
     utils.registerEncoder(Size, lambda encoder, size: size.metres)
     utils.registerDecoder("test::Size", Size)
     assert through_the_wire(Param("S", "", Size(2.0), ParamTypes.Required)).value.metres == 2.0
+
+
+@pytest.mark.parametrize(
+    "value", [1.5, -0.0, 1e300, 1e-7, float("nan"), float("inf"), -float("inf"), 3, 10**30, True, 'a"ü\n\ud800', "", {}]
+)
+def test_value_of_property_is_written_as_the_json_of_its_list(value):
+    (message,) = utils.serializePropertyMap({"p": Property("p", value)})
+    assert message.dataValue == json.dumps([value])

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
+from json.encoder import encode_basestring_ascii
 from typing import Any
 
 from skiros2_common.core.element_content import is_fact
@@ -88,11 +89,26 @@ def deserializeParamMap(params: Iterable[Any]) -> dict[str, Param]:
 
 def serializePropertyMap(p_map: Mapping[str, Property]) -> list[Any]:
     """Properties as a list of `Property` messages."""
-    return [msgs.Property(prop.key, _encode(prop.values), getStrFromType(prop.dataType())) for prop in p_map.values()]
+    return [
+        msgs.Property(prop.key, _encode_values(prop.values), getStrFromType(prop.dataType())) for prop in p_map.values()
+    ]
 
 
 #: The encoder itself: `json.dumps` with a class makes a new one for each call, which takes three times as long.
 _encode = ParamsEncoder().encode
+
+
+def _encode_values(values: list[Any]) -> str:
+    """The JSON of values. One number or text, as most properties have, takes a tenth of the time of the encoder."""
+    if len(values) == 1:
+        value = values[0]
+        kind = value.__class__
+        if kind is str:
+            return f"[{encode_basestring_ascii(value)}]"
+        text = repr(value) if kind is float or kind is int else "n"
+        if text[-1] not in "fn":  # neither inf nor nan
+            return f"[{text}]"
+    return _encode(values)
 
 
 def deserializePropertyMap(msg: Iterable[Any]) -> dict[str, Property]:

@@ -142,6 +142,14 @@ class Checks:
             raise error.with_text(f"{self.origin}: {who}: {error}") from None
         return checked
 
+    def plain_type(self, etype: str, key: str) -> type | None:
+        """The type, float or bool, of which `property` accepts any one value for a class without an issue; or None."""
+        datatype, most = self.ontology.value_limits(etype, key)
+        kind = PYTHON_TYPES.get(datatype)
+        is_known = self.full(key) == key and self.ontology.has_data_property(key)
+        fits = most != 0 and not any(self.ontology.domain_range_violations(etype, key, ""))
+        return kind if kind in (float, bool) and is_known and fits else None
+
     def label(self, text: str, who: str) -> str:
         """Checks a label and returns it.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from skiros2_common.core.changeset import UNKNOWN
+from skiros2_common.core.collector import collector_paused
 from skiros2_world_model.core.checks import FileChecks
 from skiros2_world_model.core.context import Context
 from skiros2_world_model.core.knowledge_base import KnowledgeBase
@@ -25,6 +26,7 @@ class FileContent:
     :ivar findings: they were logged.
     """
 
+    @collector_paused()
     def __init__(
         self, context: Context, path: Path, knowledge_base: KnowledgeBase, strict: bool, adds_root: bool
     ) -> None:

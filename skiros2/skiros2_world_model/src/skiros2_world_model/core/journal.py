@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from skiros2_common.core.changeset import ChangeInfo, ChangeSet, ElementRecord, read_record, record_json
+from skiros2_common.core.collector import collector_paused
 from skiros2_common.core.errors import ConfigurationError, Refused
 from skiros2_common.core.operations import ONTOLOGY
 from skiros2_world_model.core.journal_file import JournalFile, Retention, read_meta, read_only
@@ -260,6 +261,7 @@ class JournalState:
         return f"{size}; last change by {self.last.author}, {when}"
 
 
+@collector_paused()
 def read_state(db: sqlite3.Connection) -> JournalState:
     """Reads the current state. Elements and relations are in the order of their creation.
 

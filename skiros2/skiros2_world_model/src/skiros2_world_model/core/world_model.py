@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pyoxigraph as ox
 
+from skiros2_common.core.collector import collector_paused
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner
 from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, UnknownName, WrongValue
 from skiros2_common.core.names import full_name
@@ -296,6 +297,7 @@ class WorldModel:
                     content = FileContent(target, path, self.knowledge_base, self.strict, adds_root)
                 return self._replace(target, content, filename or target.file, author)
 
+    @collector_paused()
     def _replace(self, target: Context, content: FileContent, file: str, author: str) -> Change:
         """Replaces a context with the content of a file. Called under the lock."""
         context, scene, extras = target.name, content.scene, content.extras
@@ -416,6 +418,7 @@ class WorldModel:
     def _full(self, name: str) -> str:
         return self.knowledge_base.prefixes.name(name) if is_iri(name) else name
 
+    @collector_paused()
     def _recover(self, state: JournalState) -> None:
         self.knowledge_base.update(parse_n_triples(state.unstated), parse_n_triples(state.stated))
         for found in state.contexts:

@@ -65,10 +65,10 @@ docs:  ## build the documentation's site with a generated reference in build/doc
 	@.ci/setup run planner sim learning gateway dev docs window
 	@exec .ci/in_ros $(python) docs/site/build.py
 
-bench: setup  ## measure, print a table, write build/bench.json (PARTS="ticks planning" selects; COMPARE=REV: against a commit, in pairs)
+bench: setup  ## measure, print a table, write build/bench.json (PARTS="ticks planning" selects; COMPARE=REV: against a commit, in pairs; KEEP=1: docs/bench.md)
 	@$(python) -m pip install --quiet --require-hashes --requirement requirements/bench.txt || echo "some planners are missing"
 	@exec .ci/in_ros $(python) tests/benchmarks/run.py --json build/bench.json \
-		$(if $(COMPARE),--compare $(COMPARE)) $(PARTS)
+		$(if $(COMPARE),--compare $(COMPARE)) $(if $(KEEP),--keep) $(PARTS)
 
 bench-insertion: setup  ## insert the piston on a grid of errors, clearances, bores and arms (hours; BENCH_ARGS="--runs 60" for a sample); write build/insertion.json
 	@exec $(python) tests/benchmarks/insertion.py $(BENCH_ARGS)

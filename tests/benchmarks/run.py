@@ -18,6 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests"))
 
 from benchmarks.compare import compare  # noqa: E402 - after the path
+from benchmarks.history import clean_commit, keep  # noqa: E402 - after the path
 from benchmarks.measurement import Measurement, table  # noqa: E402 - after the path
 from support.ros import Ros, RosMaster  # noqa: E402
 
@@ -36,6 +37,7 @@ def main() -> int:
     parser.add_argument("--json", type=Path, default=ROOT / "build/bench.json", help="where the figures go")
     known = ", ".join(PARTS)
     parser.add_argument("--compare", metavar="REV", default="", help="measure another commit too, and compare")
+    parser.add_argument("--keep", action="store_true", help="write the figures to docs/bench.md too")
     parser.add_argument("parts", nargs="*", metavar="PART", default=list(PARTS), help=f"of {known}; default: all")
     arguments = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # ends the nodes that were started
@@ -44,6 +46,11 @@ def main() -> int:
         parser.error(f"no part {', '.join(sorted(unknown))}; there are: {known}")
     if arguments.compare:
         return compare(ROOT, arguments.compare, arguments.parts)
+    load, _, _ = os.getloadavg()
+    try:
+        commit = clean_commit(ROOT) if arguments.keep else ""
+    except ValueError as error:
+        parser.error(str(error))
 
     done: list[Measurement] = []
     failed: list[str] = []
@@ -63,6 +70,8 @@ def main() -> int:
         print(f"not measured to the end: {', '.join(failed)}", file=sys.stderr)
     arguments.json.parent.mkdir(parents=True, exist_ok=True)
     arguments.json.write_text(json.dumps([m.as_json() for m in done], indent=2) + "\n")
+    if commit:
+        keep(ROOT / "tests/benchmarks/history.json", ROOT / "docs", commit, load, done)
     return 1 if failed else 0
 
 

@@ -1,0 +1,47 @@
+"""Figures of the benchmarks are kept with their commit."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from benchmarks.history import clean_commit, keep
+from benchmarks.measurement import Measurement
+
+
+def figure(name: str, ratio: float) -> Measurement:
+    return Measurement(name, 2.0 * ratio, "ms", 5, "the peer", 2.0, ratio, 0.5)
+
+
+def rows(docs: Path) -> list[list[str]]:
+    lines = (docs / "bench.md").read_text().splitlines()
+    return [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if line.startswith("| a ")]
+
+
+def test_page_has_the_last_ratio_beside_the_one_before(tmp_path: Path) -> None:
+    keep(tmp_path / "h", tmp_path, "aaaa", 0.1, [figure("a tick", 0.4)])
+    keep(tmp_path / "h", tmp_path, "bbbb", 0.2, [figure("a tick", 0.1)])
+    assert rows(tmp_path) == [["a tick", "0.2 ms", "the peer: 2 ms", "0.10", "0.5", "0.40", "bbbb"]]
+    assert len(Image.open(tmp_path / "bench.png").getcolors(1 << 20) or ()) > 5
+
+
+def test_parts_that_are_measured_later_are_added_to_their_commit(tmp_path: Path) -> None:
+    keep(tmp_path / "h", tmp_path, "aaaa", 0.1, [figure("a tick", 0.4), figure("a plan", 1.0)])
+    keep(tmp_path / "h", tmp_path, "bbbb", 0.1, [figure("a tick", 0.3)])
+    keep(tmp_path / "h", tmp_path, "bbbb", 0.1, [figure("a tick", 0.2), figure("a start", 2.0)])
+    assert [(row[0], row[3], row[5], row[6]) for row in rows(tmp_path)] == [
+        ("a tick", "0.20", "0.40", "bbbb"), ("a plan", "1.00", "", "aaaa"), ("a start", "2.00", "", "bbbb"),
+    ]  # fmt: skip
+
+
+def test_figures_of_changes_that_are_not_committed_are_refused(tmp_path: Path) -> None:
+    git = ["git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@b"]
+    subprocess.run([*git, "init", "-q"], check=True)
+    subprocess.run([*git, "commit", "-q", "--allow-empty", "-m", "first"], check=True)
+    assert len(clean_commit(tmp_path)) == 8
+    (tmp_path / "new.py").touch()
+    with pytest.raises(ValueError, match=r"new\.py"):
+        clean_commit(tmp_path)

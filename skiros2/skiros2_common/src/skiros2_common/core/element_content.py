@@ -93,6 +93,11 @@ class _Original(NamedTuple):
     relations: Sequence[RelationDict]
 
 
+# Each read makes an element: without a Python function for its original, and a set that hardly any element fills.
+_new = tuple.__new__
+_NO_KEYS: frozenset[str] = frozenset()
+
+
 class ElementContent:
     """Class, label, id, properties and relations of an element, copied from the world model's on write.
 
@@ -108,7 +113,7 @@ class ElementContent:
         self._rels: Sequence[RelationDict] = []
         self._local_relations: list[LocalRelation] = []
         self._original: _Original | None = None
-        self._own_keys: set[str] | None = None  # None: the element owns all properties
+        self._own_keys: frozenset[str] | None = None  # None: the element owns all properties
         self._owns_relations = True
         self._version = -1
         #: The time of the last change in the world model (s since the epoch); 0.0: unknown.
@@ -147,8 +152,8 @@ class ElementContent:
         element._props = properties
         element._rels = relations
         element._local_relations = []
-        element._original = _Original(etype, label, properties, relations)
-        element._own_keys = set()
+        element._original = _new(_Original, (etype, label, properties, relations))
+        element._own_keys = _NO_KEYS
         element._owns_relations = False
         element._version = version
         element.last_update = 0.0
@@ -270,7 +275,7 @@ class ElementContent:
     def _own(self, key: str) -> Property:
         if self._own_keys is not None and key not in self._own_keys:
             self._own_dict()[key] = self._props[key].clone()
-            self._own_keys.add(key)
+            self._own_keys |= {key}
         return self._props[key]
 
     def _key_of(self, key: str) -> str | None:
@@ -292,7 +297,7 @@ class ElementContent:
         self._own_dict()[key] = prop
         local_revision.advance()
         if self._own_keys is not None:
-            self._own_keys.add(key)
+            self._own_keys |= {key}
 
     def _own_relations(self) -> list[RelationDict]:
         if not self._owns_relations:

@@ -195,7 +195,10 @@ class Search:
         """The candidates of a key that satisfy the cheap conditions on it alone."""
         cheap = [c for c in self._conditions_on(key) if c.cost <= Cost.ELEMENT]
         alone = [c for c in cheap if self._keys[id(c)] & self.patterns.keys() == {key}]
-        return [e for e in self._candidates(key) if all(self.satisfies(c, key, e) for c in alone)]
+        found = self._candidates(key)
+        for condition in alone:
+            found = [e for e in found if self.satisfies(condition, key, e)]
+        return found
 
     def _related(self, key: str, unbound: Collection[str]) -> dict[ConditionBase, set[str]]:
         """The ids that conditions with bound elements allow for a key, by condition."""

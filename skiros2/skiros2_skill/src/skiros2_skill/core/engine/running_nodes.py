@@ -74,7 +74,7 @@ class RunningNodes:
 
     def tick(self, visitor: Visitor) -> State:
         """Ticks the nodes once. Returns the state that the processor of the owner returns."""
-        parameters, calls, revision = visitor.parameters, visitor.guard.calls, local_revision
+        parameters, calls, revision, running = visitor.parameters, visitor.guard.calls, local_revision, _RUNNING
         known, world_changed = parameters.local_revision, parameters.world_changed
         is_guarded = False  # the guard has one entry for consecutive leaves
         try:
@@ -93,25 +93,28 @@ class RunningNodes:
                     else:
                         calls.append(run)
                         is_guarded = True
-                    instance, error, answer = run.instance, None, None
+                    instance = run.instance
                     try:
                         answer = instance.execute()
                     except HookAbandoned:
                         raise
-                    except FOREIGN_ERRORS as raised:
-                        error = raised
-                    if (
-                        answer is _RUNNING
-                        and revision.current == known
-                        and not (run.exposed and run.has_changed_in_place())
-                    ):
-                        if instance.progressed_at is not run.progressed_at:
-                            run.progressed_at = instance.progressed_at
-                            visitor.changed = True
-                        continue
-                    is_guarded = False
-                    _leave(calls)
-                    state = visitor.finish_execute(run, answer, error)
+                    except FOREIGN_ERRORS as error:
+                        is_guarded = False
+                        _leave(calls)
+                        state = visitor.finish_execute(run, None, error)
+                    else:
+                        if (
+                            answer is running
+                            and revision.current == known
+                            and not (run.exposed and run.has_changed_in_place())
+                        ):
+                            if instance.progressed_at is not run.progressed_at:
+                                run.progressed_at = instance.progressed_at
+                                visitor.changed = True
+                            continue
+                        is_guarded = False
+                        _leave(calls)
+                        state = visitor.finish_execute(run, answer)
                 known, world_changed = parameters.local_revision, parameters.world_changed
                 if state is not _RUNNING or self._has_grown:
                     return self._visit(visitor, run, state)

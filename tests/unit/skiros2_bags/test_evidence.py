@@ -67,6 +67,11 @@ def test_another_value_for_a_played_skill_is_found(engine: Recording, monkeypatc
     assert (found.expected, found.got) == ("[30.12345]", "[30.12346]")
 
 
+def test_values_that_a_played_skill_has_pushed_are_on_the_blackboard(engine: Recording) -> None:
+    found = rerun(engine, replace(Settings(), played=frozenset({"produce", "step_aside"})))
+    assert found.is_as_recorded, found
+
+
 def test_goal_that_is_not_cancelled_is_found(engine: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(PrimitiveActionClient, "onPreempt", lambda self: self.success("Stopped"))
     found = rerun(engine, Settings()).divergence

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from skiros2_runs.core.compare import path_text
@@ -22,9 +23,20 @@ class RecordedEvidence:
     """
 
     def __init__(self, entries: Sequence[Entry], tolerance: Tolerance) -> None:
-        self._entries = entries
+        self._entries = _sorted_pushes(entries)
         self._tolerance = tolerance
         self._number = 0
+
+    def pushes(self, waiting: int, path: tuple[int, ...]) -> list[tuple[str, Any]]:
+        """Returns what the recorded node has pushed next: keys and values, None for a key that was removed.
+
+        :param waiting: the number of entries that the re-run has made since the last comparison.
+        """
+        node = ".".join(map(str, path))
+        following = itertools.islice(self._entries, self._number + waiting, None)
+        return [
+            (name, value) for _, _, name, value in itertools.takewhile(lambda e: e[:2] == (node, "push"), following)
+        ]
 
     def difference(
         self, made: list[Entry], nodes: Mapping[tuple[int, ...], NodeProgress], is_end: bool
@@ -35,7 +47,7 @@ class RecordedEvidence:
         :param is_end: whether all recorded entries must have been made.
         :returns: the first difference (node, recorded, now); None without one.
         """
-        for entry in map(tuple, json.loads(json.dumps(made))):
+        for entry in _sorted_pushes(map(tuple, json.loads(json.dumps(made)))):  # type: ignore[arg-type]
             if self._number == len(self._entries):
                 return _node_text(entry, nodes), "nothing more", _text(entry)
             wanted = self._entries[self._number]
@@ -50,6 +62,16 @@ class RecordedEvidence:
     def _is_same(self, wanted: Entry, entry: Entry) -> bool:
         tolerance = self._tolerance if wanted[1] in ("pulled", "push") else COMMANDED
         return wanted[:3] == entry[:3] and same_data(wanted[3], entry[3], tolerance)
+
+
+def _sorted_pushes(entries: Iterable[Entry]) -> list[Entry]:
+    """Sorts what one node has pushed at once by key."""
+    groups = itertools.groupby(entries, lambda entry: entry[:2])
+    return [
+        entry
+        for (_, kind), group in groups
+        for entry in (sorted(group, key=lambda entry: entry[2]) if kind == "push" else group)
+    ]
 
 
 def _difference(wanted: Entry, entry: Entry, nodes: Mapping[tuple[int, ...], NodeProgress]) -> tuple[str, str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import importlib
 import inspect
 import logging
@@ -164,7 +165,9 @@ def replay_primitive(cls: type, manager: Any) -> type:
         recorded: NodeProgress | None = manager.ticked.recorded_node(skill) if manager.ticked is not None else None
         return recorded
 
-    def on_start(self: Any) -> bool:
+    def push(self: Any) -> bool:
+        if manager.ticked is not None:
+            manager.ticked.set_pushed_values(self)
         return True
 
     def execute(self: Any) -> State:
@@ -185,10 +188,7 @@ def replay_primitive(cls: type, manager: Any) -> type:
             self._setProgress(recorded.message, recorded.code)
         return State.Failure
 
-    def on_end(self: Any) -> bool:
-        return True
-
-    hooks = {"onInit": on_start, "onStart": on_start, "execute": execute, "onPreempt": on_preempt, "onEnd": on_end}
+    hooks = {"onInit": lambda self: True, "onStart": push, "execute": execute, "onPreempt": on_preempt, "onEnd": push}
     return type(cls.__name__, (cls,), {**hooks, "__module__": cls.__module__, "__abstractmethods__": frozenset()})
 
 
@@ -273,6 +273,24 @@ class RerunTask:
             if getattr(node, "instance", None) is skill:
                 return self.progress.frame.nodes.get(path)
         return None
+
+    def set_pushed_values(self, skill: Any) -> None:
+        """Sets the parameters of a played skill that the recorded one has pushed at this point."""
+        evidence = self._task.evidence
+        if not evidence.is_on:
+            return
+        for path, node in _index_paths(self._task.root):
+            if getattr(node, "instance", None) is skill:
+                slots = {slot.key: slot for slot in node.run.slots}
+                for key, values in self._evidence.pushes(evidence.waiting, path):
+                    if key in slots:
+                        slots[key].param.values = self._values(slots[key].is_element, values or [])
+
+    def _values(self, are_elements: bool, values: list[Any]) -> list[Any]:
+        if not are_elements:
+            return copy.deepcopy(values)  # a skill may change them in place
+        found = [self._manager.wmi.find_element(eid) for eid in values]
+        return [element for element in found if element is not None]
 
     def take_due_changes(self) -> list[Change]:
         """Returns the due changes that were not made yet, once in a tick."""

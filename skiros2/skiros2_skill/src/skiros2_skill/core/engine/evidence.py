@@ -35,6 +35,12 @@ class Evidence:
         self.is_on = False
         self._entries: list[Entry] = []
         self._last: dict[SkillRun, dict[str, object]] = {}  # of the running skills
+        self._pushed: dict[SkillRun, set[str]] = {}  # keys, by running skill
+
+    @property
+    def waiting(self) -> int:
+        """The number of entries since the last `take`."""
+        return len(self._entries)
 
     def take(self) -> list[Entry]:
         """Returns the entries since the last call."""
@@ -70,17 +76,24 @@ class Evidence:
         if name != "execute" or self._is_other(run, name, True):
             self._note(run.node, "hook", name)
 
-    def push(self, run: SkillRun, keys: Iterable[str], values_of: Callable[[str], list[Any]]) -> None:
-        """Notes what a skill has pushed.
+    def push(
+        self, run: SkillRun, keys: Iterable[str], values_of: Callable[[str], list[Any]], is_boundary: bool
+    ) -> None:
+        """Notes what a skill has pushed, at its end also what it has pushed meanwhile.
 
         :param values_of: returns the present values of a key on the blackboard; [] without it.
+        :param is_boundary: whether the skill starts or ends.
         """
-        for key in keys:
-            self._note(run.node, "push", key, _data(values_of(key)) or None)
+        pushed = self._pushed.setdefault(run, set())
+        pushed.update(keys)
+        if is_boundary:
+            for key in sorted(self._pushed.pop(run)):
+                self._note(run.node, "push", key, _data(values_of(key)) or None)
 
     def end(self, run: SkillRun) -> None:
         """A skill has ended."""
         self._last.pop(run, None)
+        self._pushed.pop(run, None)
 
     def _note(self, node: Node, kind: str, name: str, value: Any = None) -> None:
         self._entries.append((_path(node), kind, name, value))

@@ -344,8 +344,8 @@ class Parameters:
     def push(self, run: SkillRun, everything: bool = False, removes: bool = True) -> None:
         """Pushes the parameters of a run to the blackboard; see `Blackboard.push`."""
         keys = self.blackboard.push(run, everything, removes)
-        if everything and self.evidence.is_on:
-            self.evidence.push(run, keys, self.blackboard.values)
+        if self.evidence.is_on:
+            self.evidence.push(run, keys, self.blackboard.values, everything)
         if keys:
             self._dependencies.mark_keys(keys)
         run.exposed = [slot.param for slot in run.slots if slot.param.shared_snapshot is not None] or ()

@@ -71,6 +71,7 @@ def test_all_names_and_ranges_that_do_not_fit_are_reported(push: Scenario) -> No
         "Push.StartX: the skill allows other values: expected -0.2 to 0.2 m, got -0.5, 0.5",
         "Push has no parameter 'StartZ'; near: Start",
         "Push.Object: no element is labelled 'Blok'; near: Block",
+        "Push.StartY: missing; the skill requires a value: fix it in the task, or make it a variable",
     ):
         assert text in str(found.value)
 

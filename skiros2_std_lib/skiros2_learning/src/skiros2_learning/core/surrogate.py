@@ -21,9 +21,9 @@ from scipy.special import log_ndtr
 from skiros2_learning.core.search_space import Array
 
 #: Values to which the hyperparameters are fitted, and which are known to the process: drawn from more ones.
-_FITTED, _KNOWN = 120, 1500
-#: Starts of the hyperparameters, and iterations of each.
-_STARTS, _ITERATIONS = 3, 40
+_FITTED, _KNOWN = 100, 1500
+#: Starts of the hyperparameters, with more than `_MANY` values one less, and iterations of each.
+_STARTS, _MANY, _ITERATIONS = 3, 60, 40
 #: Of the function, for values with variance 1: no model is exact.
 _LEAST_VARIANCE = 1e-6
 #: Bounds of length scales, variance and noise (variance), of values with variance 1.
@@ -156,7 +156,7 @@ def _fitted(
 
     starts = [np.array([math.log(0.5)] * dimensions + [0.0, math.log(1e-3)])]
     starts.append(np.array([0.0] * dimensions + [0.0, math.log(1e-2)]))
-    while len(starts) < _STARTS:
+    while len(starts) < _STARTS - (len(values) > _MANY):
         starts.append(np.append(random.uniform(math.log(0.1), math.log(3.0), dimensions), [0.0, math.log(1e-2)]))
     found = [
         minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": _ITERATIONS})

@@ -20,6 +20,7 @@ from schemathesis import GenerationMode, checks
 from skiros2_gateway.agents.server import AgentServer
 from skiros2_gateway.core.bags import Bags
 from skiros2_gateway.core.live import LiveView
+from skiros2_gateway.http.alarms import alarms_router
 from skiros2_gateway.http.live import live_router
 from skiros2_live.core.cell import CellDocument
 from skiros2_live.core.patch import TaskProgress
@@ -54,7 +55,7 @@ def served_gateway(folder: Path) -> Iterator[str]:
         view = LiveView(CellDocument())
         view.cell.apply(TaskProgress("/robot", _nodes(3, 3), view.cell.clock()))
         agents = AgentServer(gateway.service)
-        routers = [live_router(view, _Cell(), Bags(None)), agents.router()]
+        routers = [live_router(view, _Cell(), Bags(None)), alarms_router(view), agents.router()]
         async with served(gateway.service, routers=routers) as address:
             addresses.append(address)
             started.set()
@@ -117,7 +118,8 @@ def send_valid(address: str) -> None:
         ("GET", "/api/live/runs/{key}/nodes/{node}", {"path_parameters": node}),
         ("POST", "/api/live/runs/{key}/{action}", {"path_parameters": {"key": "run-1", "action": "stop"}}),
         *(("GET", f"/api/{path}", {}) for path in ("health", "sessions", "state", "world", "jobs", "work_masters")),
-        *(("GET", f"/api/{path}", {}) for path in ("skills", "audit", "approvals", "live", "live/bags")),
+        *(("GET", f"/api/{path}", {}) for path in ("skills", "audit", "approvals", "alarms", "live", "live/bags")),
+        ("POST", "/api/alarms/acknowledge", {"body": {"alarms": []}}),
     ]  # fmt: skip
     for method, path, arguments in requests_:
         case = schema[path][method].Case(**arguments)

@@ -118,7 +118,7 @@ def test_job_is_started_by_clicks_and_shown_also_after_a_restart(
     expect(page.locator(".tree .row:not([hidden]) .name")).to_have_text([goal, "carry_at_once"])
     expect(page.locator(".left .list").nth(2).locator(".title2")).to_have_text([goal])
     page.locator(".tree .row .name", has_text="carry_at_once").click()
-    expect(page.locator("[data-panel=tree] .details h3")).to_have_text("carry_at_once")
+    expect(page.locator("[data-panel=tree] .details h2")).to_have_text("carry_at_once")
     page.screenshot(path=str(tmp_path / "goal_tree.png"))
     page.click("nav[data-region=right] >> text=World")
     page.locator("#run-bar input").fill("0")  # the beginning of the run

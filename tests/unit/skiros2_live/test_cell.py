@@ -70,7 +70,10 @@ def test_task_that_ends_in_its_first_message_counts(cell: CellDocument) -> None:
         counters = cell.robots_data()[0]["counters"]
         return counters["succeeded"], counters["failed"]
 
+    changes: list[RobotChanged] = []
+    cell.subscribe(RobotChanged, changes.append)
     record(cell, 1.0, root(1, SUCCESS, 1))
+    assert len(changes) == 2  # it has connected, and succeeded
     record(cell, 1.5, root(1, SUCCESS, 1))
     record(cell, 2.0, root(2, FAILURE, -1))
     assert counts() == (1, 1)

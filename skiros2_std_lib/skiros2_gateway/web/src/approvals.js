@@ -74,7 +74,8 @@ export class ApprovalsView {
   }
 }
 
-function title(what, names) {
+// What is asked for; `names` puts the names of elements for their ids.
+export function title(what, names) {
   if (what.goal) return names(what.goal);
   if (what.skill) return what.implementation ?? what.skill;
   return "Changes of the world model";

@@ -4,19 +4,16 @@ import { causeOfJob } from "./causes.js";
 import { notify, request } from "./cell.js";
 import { commandRobots } from "./commands.js";
 import { openJobDialog } from "./job_dialog.js";
+import { hasFailed, jobRole, jobTitle, jobWord } from "./job_words.js";
 import { clock, duration, h, keyed, localName, setText } from "./dom.js";
 
 const ROBOT_ROLES = { busy: "running", idle: "idle", paused: "paused" };
-const JOB_ROLES = { Running: "running", Interrupted: "paused", Ended: "success", Aborted: "failure" };
 const JOB_METHODS = {
   NotAllowedToStart: ["start", "cancel"], AllowedToStart: ["cancel"], Running: ["pause", "stop"],
   Interrupted: ["resume", "stop"], Ended: ["clear"], Aborted: ["clear"],
 };
-const JOB_WORDS = { NotAllowedToStart: "stored", AllowedToStart: "queued", Running: "running", Interrupted: "interrupted",
-  Ended: "succeeded", Aborted: "failed" };
 const JOB_ORDER = ["Running", "Interrupted", "AllowedToStart", "NotAllowedToStart", "Ended", "Aborted"];
 export const GOALS = "goals"; // the robot of runs that are goals
-const REACHED = new Set(["", "succeeded", "nothing_to_do"]);
 
 export class CellPanel {
   tables = ["cell", "connections", "jobs", "goals", "runs"];
@@ -94,20 +91,15 @@ export class CellPanel {
 
   #showJob(element, job) {
     element.item = job;
-    const { response, order, state } = job;
+    const { response, state } = job;
     const goal = this.cell.document.goals[job.id];
-    const hasFailed = state === "Aborted" || !REACHED.has(response.outcome);
-    const role = hasFailed ? "failure" : (JOB_ROLES[state] ?? "idle");
-    const values = Object.values(order.parameters).map((value) => this.cell.label(value)).join(", ");
-    const title = order.description || (order.work_master ? `${order.work_master.replaceAll("_", " ")}: ${values}` : (goal?.title ?? this.cell.withLabels(job.goal)));
-    const word = state === "Ended" && hasFailed ? response.outcome.replaceAll("_", " ") : JOB_WORDS[state];
     const steps = Object.values(goal?.steps ?? {});
     const done = steps.filter((step) => step.state === "succeeded").length;
     const progress = goal?.plan.length ? `step ${Math.min(done + 1, goal.plan.length)} of ${goal.plan.length}` : (goal?.phase ?? "");
     const took = response.started ? `took ${duration(response.ended - response.started)}` : "";
     const doing = state === "Running" ? progress : took || job.id;
-    const { sentence, details } = hasFailed ? causeOfJob(response, (text) => this.cell.withLabels(text)) : { sentence: doing, details: doing };
-    fill(element, role, title, word, sentence, details);
+    const { sentence, details } = hasFailed(job) ? causeOfJob(response, (text) => this.cell.withLabels(text)) : { sentence: doing, details: doing };
+    fill(element, jobRole(job), jobTitle(this.cell, job), jobWord(job), sentence, details);
     const allowed = JOB_METHODS[state];
     this.#showButtons(element, Object.fromEntries(["start", "pause", "resume", "stop", "cancel", "clear"]
       .map((method) => [method, allowed.includes(method)])));

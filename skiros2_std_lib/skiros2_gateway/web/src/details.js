@@ -104,7 +104,7 @@ export class NodeDetails {
   constructor(panel, cell, run) {
     this.cell = cell;
     this.run = run;
-    this.title = h("h3");
+    this.title = h("h2");
     this.facts = h("dl", { class: "facts" });
     this.parameters = h("dl", { class: "facts parameters" });
     this.conditions = h("ul", { class: "conditions" });

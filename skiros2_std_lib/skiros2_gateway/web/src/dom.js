@@ -63,6 +63,12 @@ export const firstLine = (text) => text.split("\n", 1)[0];
 // A time of day (s since the epoch).
 export const clock = (time) => new Date(time * 1000).toLocaleTimeString([], { hour12: false });
 
+// A time (s since the epoch): of this day without the date.
+export function moment(time, now) {
+  const day = (each) => new Date(each * 1000).toLocaleDateString([], { month: "short", day: "numeric" });
+  return day(time) === day(now) ? clock(time) : `${day(time)}, ${clock(time)}`;
+}
+
 // The name without prefix of a class, an id, or a label that is such a name.
 export const localName = (name) => name.replace(/^[\w.-]*:(?=\S+$)/, "");
 

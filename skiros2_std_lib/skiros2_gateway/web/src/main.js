@@ -1,5 +1,6 @@
 // The page: panels, their choice, the login, and one drawing for all changes of a moment.
 
+import { AlarmsView } from "./alarms.js";
 import { ApprovalsView } from "./approvals.js";
 import { Cell, notify, request } from "./cell.js";
 import { commandRobots } from "./commands.js";
@@ -24,10 +25,12 @@ const panelOf = (name) => main.querySelector(`section[data-panel="${name}"]`);
 const cell = new Cell();
 const run = new ShownRun(cell);
 const selection = new Selection();
+const alarms = new AlarmsView(cell);
 const approvals = new ApprovalsView(cell);
 const signals = new SignalsView(panelOf("signals"), cell, run);
 /** @type {[HTMLElement, any][]} */
 const views = [
+  [alarms.button, alarms],
   [approvals.button, approvals],
   [panelOf("cell"), new CellPanel(panelOf("cell"), cell, run)],
   [document.getElementById("run-bar"), new RunBar(document.getElementById("run-bar"), cell, run)],
@@ -107,7 +110,7 @@ const connection = h("span", { class: "chip", id: "connection" });
 const user = h("button", { class: "small", onclick: logout, title: "Log out" });
 const stop = h("button", { class: "small stop", id: "stop-all", onclick: () => notify(commandRobots(cell, "stop")) }, "Stop all tasks");
 const theme = h("button", { class: "small", title: "Dark or light", "aria-label": "Dark or light", onclick: () => setTheme(isDark() ? "light" : "dark") }, "◐");
-document.getElementById("header").append(h("h1", {}, "SkiROS2"), connection, h("span", { class: "grow" }), approvals.button, stop, user, theme);
+document.getElementById("header").append(h("h1", {}, "SkiROS2"), connection, h("span", { class: "grow" }), alarms.button, approvals.button, stop, user, theme);
 
 function showConnection() {
   const [word, role] = CONNECTIONS[cell.connection];

@@ -27,10 +27,10 @@ export class WorldView {
     this.filter = h("input", { type: "search", placeholder: "Find an element", "aria-label": "Find an element", oninput: () => this.render() });
     this.count = h("span", { class: "dim grow" });
     this.list = h("div", { class: "world", role: "tree" });
-    this.title = h("h3");
+    this.title = h("h2");
     this.facts = h("dl", { class: "facts" });
     this.relations = h("div", { class: "relations" });
-    this.details = h("aside", { class: "details" },
+    this.details = h("aside", { class: "details", hidden: true },
       h("header", {}, this.title, h("button", { class: "small", "aria-label": "Close", onclick: () => selection.select(null) }, "✕")),
       this.facts, this.relations);
     panel.append(h("div", { class: "tools" }, this.filter, this.count), this.list, this.details);

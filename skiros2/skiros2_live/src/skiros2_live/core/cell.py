@@ -59,7 +59,7 @@ class GoalChanged:
 
 @dataclass(frozen=True)
 class RobotChanged:
-    """A robot has connected or disconnected, or its state has changed."""
+    """A robot has connected or disconnected, or its state or the counts of its tasks have changed."""
 
     robot: Robot
 
@@ -173,12 +173,12 @@ class CellDocument:
         if recorded is None:
             return
         robot = self._robot(patch.manager)
-        robot.follow(patch.nodes, is_new=recorded.run is not known)
+        has_counted = robot.follow(patch.nodes, is_new=recorded.run is not known)
         self._publish(recorded)
         if (goal := self.goal_runs.step_recorded(recorded.run, patch.stamp)) is not None:
             self._steps.add(recorded.run)
             self._publish(goal)
-        self._update(robot)
+        self._update(robot, has_counted)
 
     def _update_goal(self, patch: GoalProgress) -> None:
         known, sent = self.goals.get(patch.goal_id, {}), getattr(patch.message, "goal", None)
@@ -223,8 +223,8 @@ class CellDocument:
             self.mark_lost(patch.manager)
         self._update(robot)
 
-    def _update(self, robot: Robot) -> None:
-        if robot.update():
+    def _update(self, robot: Robot, has_counted: bool = False) -> None:
+        if robot.update() or has_counted:
             self._publish(RobotChanged(robot))
 
     # -- tables ------------------------------------------------------------------------------------------------

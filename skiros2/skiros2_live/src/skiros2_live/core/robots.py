@@ -108,8 +108,8 @@ class Robot:
         self.failed += len(self.tasks)
         self.tasks.clear()
 
-    def follow(self, nodes: Sequence[NodeMessage], *, is_new: bool = False) -> None:
-        """Notes the progress of a task.
+    def follow(self, nodes: Sequence[NodeMessage], *, is_new: bool = False) -> bool:
+        """Notes the progress of a task. Returns whether it has just ended.
 
         :param nodes: the root first.
         :param is_new: whether it is the first message of the task, which may be the last one too.
@@ -121,6 +121,8 @@ class Robot:
         elif self.tasks.pop(root.id, None) is not None or is_new:
             self.succeeded += root.state == SUCCESS
             self.failed += root.state == FAILURE
+            return True
+        return False
 
     def update(self) -> bool:
         """Computes the state. Returns whether it has changed."""

@@ -15,6 +15,8 @@ from skiros2_live.core.cell import CellDocument
 LOST = "lost"
 #: Outcome of a goal that the task manager has never had.
 UNKNOWN = "unknown"
+#: The outcome of a goal that a person has ended.
+CANCELLED = "cancelled"
 #: Outcomes of goals that hold at their end.
 REACHED = ("succeeded", "nothing_to_do")
 

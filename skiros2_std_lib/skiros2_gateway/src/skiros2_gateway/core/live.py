@@ -8,6 +8,7 @@ Its members are tables, objects by key; see also `skiros2_live.core.cell.CellDoc
 - `jobs` as in the event `job`, without plan, steps and changes.
 - `approvals`: what agents ask for, as in `GET /api/approvals`, without previews and failures.
 - `connections`: {name, address, is_up, since, text} of the parts beside the robots, as far as they are known.
+- `alarms`: what needs a person, see `skiros2_gateway.core.alarms`.
 - `cell`: robots, ready and capacity, as in `GET /api/state`.
 - `elements`: {type, label, properties, relations, marker}; see `skiros2_live.core.scene_view`.
 - `frames`: of tf: [parent, x, y, z, qx, qy, qz, qw] (m) by child; `bodies`: the visuals of each robot.
@@ -26,6 +27,8 @@ from typing import Any, Protocol
 
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.names import nearest
+from skiros2_gateway.core.alarms import TABLES as ALARM_TABLES
+from skiros2_gateway.core.alarms import alarms_of
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.patch import apply_patch, merge_patch, without_none
 from skiros2_gateway.core.run_view import summary_data, tree_patch
@@ -53,7 +56,7 @@ _MAX_TREES, _MAX_JOBS = 6, 50
 _RESPONSE = ("started", "ended", "outcome", "message", "robots", "quality")
 
 _TABLES = (
-    *("runs", "trees", "goals", "jobs", "approvals", "connections", "cell"),
+    *("runs", "trees", "goals", "jobs", "approvals", "connections", "cell", "alarms"),
     *("elements", "frames", "bodies", "signals"),
 )
 
@@ -102,6 +105,8 @@ class LiveView:
         self._sent: dict[str, Frame] = {}
         self._timer: asyncio.TimerHandle | None = None
         self._last_flush = 0.0
+        self._acknowledged: Mapping[str, Mapping[str, Any]] = {}
+        self._has_alarm_change = False
         cell.subscribe(Recorded, self._on_progress)
         cell.subscribe(RunsLost, lambda lost: self._show_runs(lost.runs))
         cell.subscribe(GoalChanged, lambda goal: self._show_goal(goal.goal_id, goal.data, goal.new_steps))
@@ -122,21 +127,24 @@ class LiveView:
 
     async def follow(self, service: Service) -> None:
         """Follows the jobs, and the state of the cell, until it is cancelled."""
+        self._acknowledged = service.acknowledged.entries
         while True:
             after = service.events.last_id
             for job in service.store.jobs(limit=_MAX_JOBS):
                 self.put_job(job.to_dict())
             self.replace("approvals", {each.id: _approval(each.to_dict()) for each in service.approvals.open})
             self.replace("cell", service.control.cell.state())
-            async for event in service.events.follow(after, ("job", "approval", "cell")):
+            async for event in service.events.follow(after, ("job", "approval", "cell", "alarm")):
                 if event.kind == "reset":
                     break
                 if event.kind == "job":
                     self.put_job(event.data)
                 elif event.kind == "approval":
                     self.put("approvals", event.data["id"], _approval(event.data))
-                else:
+                elif event.kind == "cell":
                     self.replace("cell", event.data)
+                else:
+                    self._show_alarms()
 
     # -- runs --------------------------------------------------------------------------------------------------
 
@@ -236,7 +244,20 @@ class LiveView:
             self._sent[key] = run.latest
         if changed:
             self._forget()
+        if self._has_alarm_change:
+            self._show_alarms()
         self._publish()
+
+    @property
+    def alarms(self) -> dict[str, dict[str, Any]]:
+        """The alarms by id."""
+        self.flush()
+        found: dict[str, dict[str, Any]] = self._document["alarms"]
+        return found
+
+    def _show_alarms(self) -> None:
+        self._has_alarm_change = False
+        self.replace("alarms", alarms_of(self._document, self._acknowledged))
 
     def _forget(self) -> None:
         """Removes runs that are no longer kept, and the trees of older ones."""
@@ -260,6 +281,7 @@ class LiveView:
         if _conflicts(self._patch, patch):
             self._publish()
         apply_patch(self._document, patch)
+        self._has_alarm_change |= not ALARM_TABLES.isdisjoint(patch)
         _merge(self._patch, patch)
         self._schedule()
 

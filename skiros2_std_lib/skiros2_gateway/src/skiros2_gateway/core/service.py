@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Awaitable, Callable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_gateway.core.access import Access, Caller, Role, User
+from skiros2_gateway.core.alarms import Acknowledged
 from skiros2_gateway.core.approvals import Approvals, Request
 from skiros2_gateway.core.deadline import check_deadline
 from skiros2_gateway.core.events import EventStream
@@ -48,6 +49,7 @@ class Service:
         self.events = events
         self.sessions = Sessions(store, access)
         self.keys = Keys(store)
+        self.acknowledged = Acknowledged(store)
         self._waiting: Counter[tuple[str, str]] = Counter()
         self.approvals = approvals or Approvals(events)
 
@@ -164,6 +166,12 @@ class Service:
             self.access.record(caller, action, thing, f"{error.code}: {error}"[:500])
             raise
         self.access.record(caller, action, thing, "done")
+
+    def acknowledge(self, caller: Caller, alarms: Collection[str], known: Collection[str]) -> None:
+        """Notes that a caller has seen alarms; see `Acknowledged.add`."""
+        with self.audited(caller, "acknowledge alarms", " ".join(alarms)[:200]):
+            self.acknowledged.add(alarms, known, caller.user)
+        self.events.publish("alarm", {"acknowledged": list(alarms), "user": caller.user})
 
     # -- reading -----------------------------------------------------------------------------------------------
 

@@ -40,6 +40,7 @@ CREATE TABLE IF NOT EXISTS keys (
     number INTEGER PRIMARY KEY AUTOINCREMENT, user TEXT NOT NULL, key TEXT NOT NULL, digest TEXT NOT NULL,
     answer TEXT NOT NULL, UNIQUE (user, key));
 CREATE TABLE IF NOT EXISTS signatures (signature TEXT PRIMARY KEY, sent REAL NOT NULL);
+CREATE TABLE IF NOT EXISTS acknowledged (alarm TEXT PRIMARY KEY, user TEXT NOT NULL, time REAL NOT NULL);
 CREATE TABLE IF NOT EXISTS figures (
     hour INTEGER NOT NULL, robot TEXT NOT NULL, kind TEXT NOT NULL, name TEXT NOT NULL, value REAL NOT NULL,
     PRIMARY KEY (hour, robot, kind, name)) WITHOUT ROWID;
@@ -251,6 +252,7 @@ class JobStore:
                 (old.audit, before, dated.audit, _MAX_AUDIT, _PRUNED),
             ).rowcount
             db.execute("DELETE FROM figures WHERE hour < ?", (int(before // 3600.0),))
+            db.execute("DELETE FROM acknowledged WHERE time < ?", (before,))
         return len(ended) + removed
 
     # -- the audit log -----------------------------------------------------------------------------------------
@@ -333,6 +335,19 @@ class JobStore:
         with self._transaction() as db:
             db.executemany("DELETE FROM signatures WHERE signature = ?", [(each,) for each in expired])
             db.execute("INSERT INTO signatures VALUES (?, ?)", (signature, sent))
+
+    # -- alarms ------------------------------------------------------------------------------------------------
+
+    def acknowledged(self) -> dict[str, dict[str, Any]]:
+        """Returns {user, time} (s since the epoch) by the ids of alarms."""
+        rows = self._read("SELECT alarm, user, time FROM acknowledged")
+        return {alarm: {"user": user, "time": time} for alarm, user, time in rows}
+
+    def put_acknowledged(self, alarms: Mapping[str, Mapping[str, Any]]) -> None:
+        """Writes entries as of `acknowledged`."""
+        with self._transaction() as db:
+            rows = [(alarm, entry["user"], entry["time"]) for alarm, entry in alarms.items()]
+            db.executemany("INSERT OR REPLACE INTO acknowledged VALUES (?, ?, ?)", rows)
 
     # -- figures -----------------------------------------------------------------------------------------------
 

@@ -252,6 +252,30 @@ class Approvals(BaseModel):
     approvals: list[Approval]
 
 
+class Acknowledgement(BaseModel):
+    """Who has acknowledged an alarm, and when (s since the epoch)."""
+
+    user: str
+    time: float
+
+
+class Alarm(BaseModel):
+    """An alarm, see `skiros2_gateway.core.alarms`. `since` in s since the epoch."""
+
+    id: str
+    kind: Literal["job", "connection", "robot", "approval"]
+    source: str
+    text: str
+    since: float
+    acknowledged: Acknowledgement | None = None
+
+
+class Alarms(BaseModel):
+    """The alarms of the cell."""
+
+    alarms: list[Alarm]
+
+
 # -- the live view -----------------------------------------------------------------------------------------------------
 
 

@@ -32,6 +32,7 @@ from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.core.store import JobStore
 from skiros2_gateway.core.users import UsersFile
 from skiros2_gateway.core.work_masters import WorkMasters, read_work_masters
+from skiros2_gateway.http.alarms import alarms_router
 from skiros2_gateway.http.app import create_app
 from skiros2_gateway.http.live import live_router, page_router
 from skiros2_gateway.http.server import GRACE, HttpServer, Limits
@@ -145,7 +146,7 @@ def _live_view(
     stack.callback(asyncio.get_running_loop().create_task(view.follow(service)).cancel)
     bags = Bags(Path(settings.bags).expanduser() if settings.bags else None)
     page = _share() / "page"  # missing if it was not built
-    return [live_router(view, live, bags, stop_port), page_router(page, stop_port)]
+    return [live_router(view, live, bags, stop_port), alarms_router(view), page_router(page, stop_port)]
 
 
 def _share() -> Path:

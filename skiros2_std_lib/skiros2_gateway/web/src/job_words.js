@@ -1,0 +1,21 @@
+// The names and states of jobs for people.
+
+const ROLES = { Running: "running", Interrupted: "paused", Ended: "success", Aborted: "failure" };
+const WORDS = { NotAllowedToStart: "stored", AllowedToStart: "queued", Running: "running", Interrupted: "interrupted" };
+const REACHED = new Set(["", "succeeded", "nothing_to_do"]);
+
+export const hasFailed = ({ state, response }) => response.outcome !== "cancelled" && (state === "Aborted" || !REACHED.has(response.outcome));
+
+export function jobTitle(cell, { id, order, goal }) {
+  if (order.description) return order.description;
+  const values = Object.values(order.parameters).map((value) => cell.label(value)).join(", ");
+  return order.work_master ? `${order.work_master.replaceAll("_", " ")}: ${values}` : (cell.document.goals[id]?.title ?? cell.withLabels(goal));
+}
+
+export const jobRole = (job) => (hasFailed(job) ? "failure" : job.response.outcome === "cancelled" ? "idle" : (ROLES[job.state] ?? "idle"));
+
+export function jobWord(job) {
+  const { state, response } = job;
+  if (WORDS[state]) return WORDS[state];
+  return state === "Ended" && REACHED.has(response.outcome) ? "succeeded" : (response.outcome || "failed").replaceAll("_", " ");
+}

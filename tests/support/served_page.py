@@ -1,0 +1,99 @@
+"""The gateway's page with a stand-in cell: what needs a person, without nodes."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from skiros2_gateway.agents.server import AgentServer
+from skiros2_gateway.core.access import AGENTS, Caller, Role
+from skiros2_gateway.core.approvals import Approvals, Request
+from skiros2_gateway.core.bags import Bags
+from skiros2_gateway.core.live import LiveView
+from skiros2_gateway.http.alarms import alarms_router
+from skiros2_gateway.http.live import live_router, page_router
+from skiros2_live.core.patch import TASK_MANAGER, Connection
+from support.http_gateway import served
+from unit.skiros2_gateway.conftest import Gateway
+from unit.skiros2_gateway.test_live_http import _Cell
+
+ROBOTS = (
+    {"name": "/arm", "state": "protective_stop", "reason": "light curtain 2", "since": 1.0, "tasks": []},
+    {"name": "/mobile_base", "state": "busy", "reason": "", "since": 1.0, "tasks": [{"id": 1, "label": "drive"}]},
+)
+COUNTERS = {"succeeded": 12, "failed": 1, "oee": 0.81}
+
+
+async def fill(gateway: Any) -> None:
+    """Has jobs end, run and wait; stops a robot, and loses the task manager."""
+    gateway.now = 1_795_870_338.0
+    for job_id, outcome, message in (
+        ("order-1", "succeeded", ""),
+        (
+            "order-2",
+            "failed",
+            "The gripper is empty after the pick: Product-2 has slipped.\npick: expected a held part",
+        ),
+        ("order-3", "cancelled", "Stop by operate"),
+    ):
+        gateway.now += 60.0
+        await gateway.put(job_id, work_master="place", parameters={"Tray": "Tray-1"})
+        gateway.cell.run(job_id)
+        gateway.cell.end(job_id, outcome, message)
+        await gateway.collected(job_id)
+    await gateway.put("order-4", work_master="place", parameters={"Tray": "Tray-1"})
+    gateway.cell.run("order-4")
+    await gateway.put("order-5", work_master="place", parameters={"Tray": "Tray-1"}, priority=3)
+    gateway.cell.document.apply(Connection(TASK_MANAGER, "/tm", False, gateway.now, "It has ended with status 1."))
+    state = {"robots": [{**robot, "counters": COUNTERS} for robot in ROBOTS], "ready": True, "capacity": 1}
+    gateway.cell.state = lambda: state
+
+
+def ask(gateway: Any) -> asyncio.Task[str]:
+    """Has an agent ask for an approval."""
+    step = {"label": "place", "robot": "/arm", "arguments": {"Product": "Product-2", "Tray": "Tray-1"}}
+    runs = {"goal": "(skiros:contain Tray-1 Product-2)", "plan": [step]}
+    shown = {"changes": ["+ Tray-1 skiros:contain Product-2", "- Shelf-3 skiros:contain Product-2"]}
+    caller = Caller("agent", Role.OPERATE, AGENTS)
+    request = Request(runs, shown, ("/arm",), "The order of the customer is due at noon.")
+    return asyncio.get_running_loop().create_task(gateway.service.approvals.request(caller, request))
+
+
+@contextmanager
+def served_page(folder: Path, page: Path) -> Iterator[str]:
+    """Serves the page in a thread with a loop of its own; yields the address.
+
+    :param page: the folder of the bundle.
+    """
+    addresses: list[str] = []
+    loops: list[asyncio.AbstractEventLoop] = []
+    started, ended = threading.Event(), asyncio.Event()
+
+    async def serve() -> None:
+        loops.append(asyncio.get_running_loop())
+        gateway = Gateway(folder / "jobs.sqlite", capacity=1, rate=1e9)
+        gateway.service.approvals = Approvals(gateway.events, is_needed=True, timeout=300.0)
+        await fill(gateway)
+        view = LiveView(gateway.cell.document)
+        tasks = [asyncio.create_task(view.follow(gateway.service)), ask(gateway)]
+        agents = AgentServer(gateway.service).router()
+        routers = [live_router(view, _Cell(), Bags(None)), alarms_router(view), agents, page_router(page)]
+        async with served(gateway.service, routers=routers) as address:
+            addresses.append(address)
+            started.set()
+            await ended.wait()
+        for task in tasks:
+            task.cancel()
+
+    thread = threading.Thread(target=asyncio.run, args=(serve(),))
+    thread.start()
+    try:
+        started.wait(30.0)
+        yield addresses[0]
+    finally:
+        loops[0].call_soon_threadsafe(ended.set)
+        thread.join()

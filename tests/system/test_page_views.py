@@ -1,0 +1,108 @@
+"""The page's views of what needs a person, in Debian's chromium, with a stand-in cell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from support.served_page import served_page
+from support.source import ROOT
+from system.test_page import CHROMIUM, PAGE, browser, playwright  # noqa: F401
+from unit.skiros2_gateway.conftest import TOKENS
+
+AXE = ROOT / ".venv/page/node_modules/axe-core/axe.min.js"
+RULES = ("wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "best-practice")
+SIZES = {"panel": (1280, 800, "light"), "dark": (1280, 800, "dark"), "phone": (390, 844, "light")}
+
+pytestmark = [
+    pytest.mark.timeout(300),
+    pytest.mark.skipif(CHROMIUM is None, reason="needs Debian's chromium"),
+    pytest.mark.skipif(not PAGE.is_file(), reason="the page is not built: npm had no network at the set-up"),
+]
+
+
+@pytest.fixture
+def address(tmp_path: Path) -> Iterator[str]:
+    with served_page(tmp_path, PAGE.parent) as address:
+        yield address
+
+
+@pytest.fixture
+def open_page(browser: Any, address: str) -> Iterator[Any]:  # noqa: F811
+    """Opens the page for a user."""
+    contexts: list[Any] = []
+
+    def open_page(user: str, size: str = "panel") -> Any:
+        width, height, scheme = SIZES[size]
+        context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
+        contexts.append(context)
+        page = context.new_page()
+        page.goto(address)
+        page.fill("#token", TOKENS[user])
+        page.click("#login")
+        return page
+
+    yield open_page
+    for context in contexts:
+        context.close()
+
+
+def test_alarms_are_counted_and_acknowledged(open_page: Any) -> None:
+    expect = playwright.expect
+    viewer, page = open_page("view"), open_page("operate")
+    expect(page).to_have_title("(4) SkiROS2")
+    page.click("#alarms")
+    dialog = page.locator("dialog[open]")
+    kinds = dialog.locator(".approval .chip")
+    assert set(kinds.all_inner_texts()) == {"Job failed", "No connection", "Robot stopped", "Approval waits"}
+    failed = dialog.locator(".approval", has_text="Job failed")
+    expect(failed).to_contain_text("Product-2 has slipped")
+    failed.locator("button").click()
+    expect(page).to_have_title("(3) SkiROS2")
+    expect(failed).to_contain_text("acknowledged by operate")
+    expect(viewer).to_have_title("(3) SkiROS2")  # of all users
+    page.click("#acknowledge-all")
+    expect(page).to_have_title("SkiROS2")
+    viewer.click("#alarms")
+    expect(viewer.locator("dialog[open] .approval")).to_have_count(4)
+    expect(viewer.locator("dialog[open] [data-action=acknowledge]:visible")).to_have_count(0)
+
+
+def test_answered_request_is_no_alarm_any_more(open_page: Any) -> None:
+    page = open_page("approve")
+    page.click("#approvals")
+    playwright.expect(page.locator("dialog[open]")).to_contain_text("due at noon")
+    page.click("dialog[open] [data-action=reject]")
+    playwright.expect(page).to_have_title("(3) SkiROS2")
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not AXE.is_file(), reason="needs npm's packages: make setup")
+@pytest.mark.parametrize("size", SIZES)
+def test_axe_has_no_findings_in_any_view(open_page: Any, size: str) -> None:
+    page = open_page("maintain", size)
+    page.evaluate(AXE.read_text())
+    found: list[str] = []
+
+    def check(view: str) -> None:
+        answer = page.evaluate("rules => axe.run({ runOnly: rules })", RULES)
+        found.extend(f"{view}: {each['id']}: {each['nodes'][0]['html']}" for each in answer["violations"])
+
+    for name in ("alarms", "approvals"):
+        page.click(f"#{name}")
+        check(name)
+        page.click(f"#close-{name}")
+    page.click("#new-job")
+    check("new job")
+    page.click("dialog[open] button:text-is('Cancel')")
+    tabs = page.locator("nav button:visible")
+    for number in range(tabs.count()):
+        tabs.nth(number).click()
+        check(tabs.nth(number).inner_text())
+    header = page.locator("#header").bounding_box()
+    for each in page.locator("#header button:visible").all():
+        assert each.bounding_box()["x"] + each.bounding_box()["width"] <= header["width"], "a button is out of sight"
+    assert not found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from skiros2_runs.core.compare import path_text
@@ -20,11 +20,13 @@ class RecordedEvidence:
 
     :param entries: the recorded ones, oldest first.
     :param tolerance: of values that a skill has pulled or pushed; given ones are compared exactly.
+    :param played: keys that played skills have pushed: what others pull of them while these run was not recorded.
     """
 
-    def __init__(self, entries: Sequence[Entry], tolerance: Tolerance) -> None:
+    def __init__(self, entries: Sequence[Entry], tolerance: Tolerance, played: Collection[str] = ()) -> None:
         self._entries = _sorted_pushes(entries)
         self._tolerance = tolerance
+        self._played = played
         self._number = 0
 
     def pushes(self, waiting: int, path: tuple[int, ...]) -> list[tuple[str, Any]]:
@@ -60,8 +62,12 @@ class RecordedEvidence:
         return None
 
     def _is_same(self, wanted: Entry, entry: Entry) -> bool:
-        tolerance = self._tolerance if wanted[1] in ("pulled", "push") else COMMANDED
-        return wanted[:3] == entry[:3] and same_data(wanted[3], entry[3], tolerance)
+        if wanted[:3] != entry[:3]:
+            return False
+        if wanted[1] == "pulled":
+            values = ({key: v for key, v in each[3].items() if key not in self._played} for each in (wanted, entry))
+            return same_data(next(values), next(values), self._tolerance)
+        return same_data(wanted[3], entry[3], self._tolerance if wanted[1] == "push" else COMMANDED)
 
 
 def _sorted_pushes(entries: Iterable[Entry]) -> list[Entry]:

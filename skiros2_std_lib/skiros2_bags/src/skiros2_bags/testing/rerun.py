@@ -49,7 +49,7 @@ from skiros2_bags.testing.recording import (
     task_changes,
     tick_times,
 )
-from skiros2_bags.testing.rerun_task import RerunManager, RerunTask
+from skiros2_bags.testing.rerun_task import RerunManager, RerunTask, pushed_by
 from skiros2_bags.testing.stored import read_stored
 from skiros2_common.core.operations import Change
 from skiros2_common.ros.connections import ServerWatch
@@ -199,6 +199,7 @@ class RerunPass:
         self._time_shifts = dict(ordering.time_shifts)
         self._ordering = ordering
         self._begin = recording.events[0].time
+        self._recorded = runs
         self._runs = {message.order: run for run in runs for message in run.progress}
         self._times = {
             message.order: tick
@@ -300,11 +301,13 @@ class RerunPass:
     def not_compared(self) -> tuple[str, ...]:
         """See `ReplayResult.not_compared`."""
         found = [line for name, m in self.managers.items() for line in m.not_compared(self._used[name])]
-        if any(run.evidence is None for run in self._runs.values()):
+        if any(run.evidence is None for run in self._recorded):
             found.append(
                 "which conditions are evaluated, which hooks are called, with what values skills start: the recording "
                 "does not have it; record the run again with --evidence"
             )
+        if pushed := sorted({key for run in self._recorded for key in pushed_by(run, self._is_played(run))}):
+            found.append(f"values of {', '.join(pushed)} that skills get: played skills have pushed them")
         if self._has_measured_poses:
             near = f"{self._pose_tolerance.absolute:g} (relative {self._pose_tolerance.relative:g})"
             found.append(f"poses within {near}: others have moved elements in this run")
@@ -396,6 +399,9 @@ class RerunPass:
                 what = f"the world model, by {event.change.author}"
                 return Divergence(self._where(event), what, summary(event.change), "\n".join(differences))
         return None
+
+    def _is_played(self, run: RecordedTask) -> Callable[[str], bool]:
+        return self.managers[run.manager].is_played
 
     def _moves(self, event: WorldChange) -> bool:
         """Whether a recorded change moves an element that was there before."""

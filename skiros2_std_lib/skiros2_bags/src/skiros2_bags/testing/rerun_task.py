@@ -106,9 +106,14 @@ class RerunManager:
         """
         return self._declared.differences(self.library.implementations(), used)
 
+    def is_played(self, label: str) -> bool:
+        """Whether a skill is replaced by its recorded progress."""
+        found = (i for i in self.library.implementations() if i.label == label)
+        return any(is_replaced(i.cls, i.label, self._replaced_labels) for i in found)
+
     def not_compared(self, used: Collection[str]) -> list[str]:
         """Returns what a re-run does not compare, a line each."""
-        played = [i.label for i in self.library.implementations() if is_replaced(i.cls, i.label, self._replaced_labels)]
+        played = [i.label for i in self.library.implementations() if self.is_played(i.label)]
         lines = [f"what {label} does: its recorded progress is played" for label in played if label in used]
         return self._declared.not_compared + lines
 
@@ -222,7 +227,8 @@ class RerunTask:
         self._task.root.params.addParam("Robot", manager.robot, ParamTypes.Inferred, "The manager's robot")
         self._task.root(*nodes)
         self._task.evidence.is_on = run.evidence is not None
-        self._evidence = RecordedEvidence(run.evidence or (), tolerance)
+        played = pushed_by(run, manager.is_played) if run.evidence else frozenset()
+        self._evidence = RecordedEvidence(run.evidence or (), tolerance, played)
 
     def preempt(self) -> None:
         """Requests preemption of the task."""
@@ -328,6 +334,20 @@ class RerunTask:
             "no such node" if node is None else _node_text(node, has_other_name, has_other_processor) for node in nodes
         ]
         return path_text(there[0].path), texts[0], texts[1]
+
+
+def pushed_by(run: RecordedTask, has_label: Callable[[str], bool]) -> frozenset[str]:
+    """Returns the keys that nodes of a recorded task with some labels have pushed at their ends."""
+    shapes = {id(each.frame.shape): each.frame.shape for each in run.progress}.values()
+    labels = {".".join(map(str, path)): shape.label(i) for shape in shapes for i, path in enumerate(shape.index_paths)}
+    chosen = {label for label in set(labels.values()) if has_label(label)}
+    found, last_hooks = set(), dict[str, str]()
+    for path, kind, name, _ in run.evidence or ():
+        if kind == "hook":
+            last_hooks[path] = name
+        elif kind == "push" and last_hooks.get(path) == "onEnd" and labels.get(path) in chosen:
+            found.add(name)
+    return frozenset(found)
 
 
 def _node_text(node: NodeProgress, with_name: bool, with_processor: bool) -> str:

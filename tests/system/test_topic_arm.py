@@ -307,9 +307,10 @@ def test_stiffness_and_damping_of_a_controller_with_topics_are_sent_in_its_messa
     driver = mayr.driver
     assert isinstance(driver, CartesianImpedance)
     mayr.arm.set_stiffness((300.0, 300.0, 2000.0), (20.0, 20.0, 300.0))
-    mayr.arm.set_damping((1.5,) * 6)
+    mayr.arm.set_damping((1.5, 1.5, 6.0, 1.5, 1.5, 1.5))
     wait_until(lambda: driver.dampings, WAIT, "damping factors")
-    assert driver.dampings[-1].force.z == pytest.approx(1.5)
+    assert driver.dampings[-1].force.x == pytest.approx(1.5)
+    assert driver.dampings[-1].force.z == pytest.approx(2.0), "its maximum"
     sent = driver.stiffnesses[-1].wrench
     assert (sent.force.z, sent.torque.z) == pytest.approx((1500.0, 100.0), rel=0.02), "its maxima, along the base"
 

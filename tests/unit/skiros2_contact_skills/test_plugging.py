@@ -10,8 +10,12 @@ import pytest
 from skiros2_common.core.abstract_skill import State
 from skiros2_contact_skills import contact_primitive as codes
 from skiros2_contact_skills.arms import provided_arms
+from skiros2_motion.core.compliant_arm import ArmState
+from skiros2_sim.core.arm_controller import ArmController
+from skiros2_sim.core.simulated_arm import SimulatedArm
 from skiros2_sim.core.world import World
 from skiros2_skill.testing import SkillBench
+from support import connector_cell
 from support.connector_cell import HOUSING, LEFT, RATE, RIGHT, SCENE, ConnectorCell, connector_scene
 
 pytestmark = pytest.mark.timeout(180)
@@ -69,6 +73,47 @@ def test_plug_that_is_displaced_by_a_millimetre_latches_and_holds(cell: MakeCell
     assert LATCH_DEPTH - 0.001 < made.depth() < DEPTH, "the true plug was pulled back to the latch, and holds"
     assert made.most[RIGHT] < 30.0, "the plug is not thrown at the floor behind the latch"
     assert made.most[LEFT] < LIMIT
+
+
+class KeepingArm(SimulatedArm):
+    """Keeps its states at 100 Hz, as an adapter over ROS does. A motion of the world."""
+
+    outcome = None
+
+    def __init__(self, controller: ArmController) -> None:
+        super().__init__(controller)
+        self._kept: list[ArmState] = []
+        self._steps = 0
+        controller.world.motions.add(self)
+
+    def update(self, dt: float) -> None:
+        """Called before each step."""
+        self._steps += 1
+        if self._steps % 10 == 0:
+            self._kept.append(self.state())
+
+    def take_states(self) -> list[ArmState]:
+        kept, self._kept = self._kept, []
+        return kept
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("late", [300, 500])
+def test_plug_does_not_hit_the_floor_when_ticks_are_late(
+    cell: MakeCell, late: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connector_cell, "SimulatedArm", KeepingArm)
+    made = cell()
+    task, hold = made.plug_into_socket(), made.hold()
+    for number in range(400):
+        task.tick()
+        hold.tick()
+        if task.state is not State.Running:
+            break
+        made.world.step(late if number % 5 == 0 else 40)
+    assert task.state is State.Success, task.why
+    (peak,) = (node.params["PeakForce"].value for node in task.nodes() if node.label == "plug_in")
+    assert peak < 35.0
 
 
 @pytest.mark.long

@@ -48,6 +48,8 @@ MEASURED_STATES = 5
 #: Minimum stiffness with which a wrench becomes an offset of the reference (N/m, Nm/rad), and maximum offset (m, rad).
 _LEAST_STIFFNESS, _MAX_OFFSET = (50.0,) * 3 + (5.0,) * 3, 0.15
 _ZERO: Wrench = (0.0,) * 6
+#: Largest damping factor that other drivers are known to take.
+_MOST_DAMPING = 2.0
 
 
 class TopicArm(ForceAdapter):
@@ -175,6 +177,7 @@ class TopicArm(ForceAdapter):
 
     def set_damping(self, factors: Sequence[float]) -> None:
         values = checked("damping factor", factors, (MAX_DAMPING_FACTOR,) * 6, lowest=0.0)
+        values = [min(value, _MOST_DAMPING) for value in values]
         self._calls.later(lambda: self._topics.send_damping(self._on_driver_axes(values)))
 
     def set_wrench(self, force: Vector, torque: Vector = (0.0, 0.0, 0.0)) -> None:

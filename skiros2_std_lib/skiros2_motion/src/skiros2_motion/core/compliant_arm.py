@@ -91,7 +91,7 @@ class CompliantArm(Protocol):
         ...
 
     def set_damping(self, factors: Sequence[float]) -> None:
-        """Sets six damping factors (0 to 2) along and about the axes of the tool frame.
+        """Sets six damping factors (0 to 6) along and about the axes of the tool frame. A driver may take less.
 
         :raises WrongValue: a number is not finite or out of range.
         """

@@ -49,7 +49,7 @@ DAMPING_FACTORS = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 #: Limits of the stiffness (N/m, Nm/rad), the wrench (N, Nm) and the damping factors.
 MAX_STIFFNESS = (2000.0, 2000.0, 2000.0, 300.0, 300.0, 300.0)
 MAX_WRENCH = (30.0, 30.0, 30.0, 10.0, 10.0, 10.0)
-MAX_DAMPING_FACTOR = 2.0
+MAX_DAMPING_FACTOR = 6.0
 #: Damping along and about axes without stiffness (Ns/m, Nms/rad): 20 N guide the tool at 0.5 m/s.
 FREE_DAMPING = (40.0, 40.0, 40.0, 3.0, 3.0, 3.0)
 #: Maximum change of a joint torque (Nm/s), also while the arm brakes.

@@ -149,7 +149,8 @@ def variations(short: bool) -> list[Row]:
         for goal in (0.52, 0.56, 0.6, 0.64):
             unseen = {feature.name: goal}
             near = min(studies, key=lambda each: abs(each.scenario.variation[feature.name] - goal))
-            plan = scenario.derived(variation=unseen, repetitions=3 if short else 10, max_failures=10)
+            count = 3 if short else 10
+            plan = scenario.derived(variation=unseen, repetitions=count, max_failures=count)
             for name, chosen in (
                 ("predicted", policy.predict(unseen).configuration),
                 ("of the nearest goal", near.result(near.ranked()[0]).configuration),

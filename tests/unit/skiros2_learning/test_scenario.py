@@ -105,6 +105,8 @@ def test_values_that_contradict_each_other_are_refused() -> None:
         "max_failures: expected at most 3, the repetitions, got 4",
         "success[0].at_least: expected at most 1, as at_most, got 2",
     ]
+    few = parse_scenario(f"{PLAIN}repetitions: 4\nmax_failures: 3\n", Path("/")).derived(repetitions=2)
+    assert (few.repetitions, few.max_failures) == (2, 2)
     assert "the key 'seed' occurs twice" in problems(f"{PLAIN}seed: 1\nseed: 2\n")[0]
     text = PUSH.read_text().replace("../scene", str(PUSH.parent / "../scene"))
     fixed = text.replace("{Object: Block,", "{StartX: 0.1, Object: Block,")

@@ -370,6 +370,8 @@ class Scenario(Section):
         for key, value in changes.items():
             if value is not None:
                 data[key] = value
+        if "max_failures" in data and max_failures is None:
+            data["max_failures"] = min(data["max_failures"], data.get("repetitions", self.repetitions))
         if self.prior_from:
             data["prior_from"] = [str(folder) for folder in self.prior_from]
         if not priors or changed_priors is not None:

@@ -21,7 +21,7 @@ from skiros2_skill.core.engine.final_failures import FinalFailures, is_active
 from skiros2_skill.core.engine.hook_guard import HookAbandoned, HungHook
 from skiros2_skill.core.engine.hooks import RAISED, Hooks
 from skiros2_skill.core.engine.parameters import Parameters
-from skiros2_skill.core.engine.running_nodes import process_children, tick_root
+from skiros2_skill.core.engine.running_nodes import tick_root, visit_children
 from skiros2_skill.core.engine.selection import select
 from skiros2_skill.core.engine.skill_run import Node, Progress, SkillNode, SkillRun, TickList
 
@@ -53,8 +53,7 @@ class Executor:
         self.runs: dict[Node, SkillRun] = {}
         self.ending: list[SkillRun] = []  # preempted runs that have not ended
         self.on_preempting: Callable[[SkillRun], None] = lambda run: None  # called before each preemption
-        self.failures = Failures(wmi)
-        self.final = FinalFailures()
+        self.failures, self.final = Failures(wmi), FinalFailures()
         self.hooks = Hooks(self.failures, self.breakpoints, wmi)
         self.guard = self.hooks.guard
         self.parameters = Parameters(wmi, self.guard, wake, self.hooks.evidence)
@@ -100,8 +99,8 @@ class Executor:
 
     def execute_skill(self, node: SkillNode) -> State:
         """Ticks a skill; called from `visit`."""
-        run = self.runs.get(node) if node.state is _RUNNING else self._start(node)
-        if run is None:
+        run = self.runs.get(node)
+        if (run is None or run.state is not _RUNNING) and (run := self._start(node)) is None:
             return _FAILURE
         if self.ending and run in self.ending:
             return _RUNNING
@@ -221,8 +220,9 @@ class Executor:
         self.set_state(run.node, _FAILURE)
 
     def _tick_children(self, run: SkillRun) -> State:
+        listed = run.running_nodes
         try:
-            state = process_children(run.node, run, self)
+            state = listed.tick(self) if listed and listed.is_current else visit_children(run.node, run, self)
         except (HookAbandoned, BreakpointReached):
             raise
         except FOREIGN_ERRORS as error:  # raised by a library's own processor or node class

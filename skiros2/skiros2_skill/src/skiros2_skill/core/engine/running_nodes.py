@@ -27,7 +27,7 @@ _RUNNING: State = State.Running
 
 
 class _Visited(SkillRun):
-    """Stands for a group that is visited: it has no run."""
+    """Stands for a group or a compound, which is visited."""
 
     __slots__ = ()
 
@@ -41,7 +41,7 @@ class RunningNodes:
     :param owner: the root of a tree, or the node of a compound.
     """
 
-    __slots__ = ("_has_grown", "_owner", "_runs", "is_current")
+    __slots__ = ("_has_grown", "_only", "_owner", "_runs", "is_current")
 
     def __init__(self, owner: Node) -> None:
         self._owner = owner
@@ -49,6 +49,9 @@ class RunningNodes:
         self._has_grown = False
         #: Whether the list is that of the present groups.
         self.is_current = self._add_children(owner)
+        node = self._runs[0].node if len(self._runs) == 1 else None
+        #: A compound alone: ticked without all that the fast path of leaves needs.
+        self._only = node if node is not None and node.run is not None and node.run.implementation.is_compound else None
 
     def _add_children(self, node: Node) -> bool:
         """Lists what the next tick visits below a node. Returns False if that is not known in advance."""
@@ -57,9 +60,9 @@ class RunningNodes:
             return False
         node.report_structure_to(self)
         for child in children:
-            if child.run is not None:
+            if child.run is not None and not child.run.implementation.is_compound:
                 self._runs.append(child.run)
-            elif not self._add_children(child):
+            elif child.run is not None or not self._add_children(child):
                 self._runs.append(_Visited(child))
         return True
 
@@ -74,6 +77,10 @@ class RunningNodes:
 
     def tick(self, visitor: Visitor) -> State:
         """Ticks the nodes once. Returns the state that the processor of the owner returns."""
+        if self._only is not None:
+            state = visitor.execute_skill(self._only)
+            done = state is _RUNNING and not self._has_grown
+            return state if done else self._visit(visitor, self._runs[0], state)
         parameters, calls, revision, running = visitor.parameters, visitor.guard.calls, local_revision, _RUNNING
         known, world_changed = parameters.local_revision, parameters.world_changed
         is_guarded = False  # the guard has one entry for consecutive leaves
@@ -83,7 +90,8 @@ class RunningNodes:
                     if is_guarded:
                         is_guarded = False
                         _leave(calls)
-                    state = run.node.visit(visitor)
+                    node = run.node
+                    state = node.visit(visitor) if node.run is None else visitor.execute_skill(node)
                 else:
                     if is_guarded:
                         try:
@@ -118,7 +126,7 @@ class RunningNodes:
                 known, world_changed = parameters.local_revision, parameters.world_changed
                 if state is not _RUNNING or self._has_grown:
                     return self._visit(visitor, run, state)
-                if run.node.run is not run and run.__class__ is SkillRun:  # it has ended and started again
+                if run.__class__ is SkillRun and run.node.run is not run:  # it has ended and started again
                     self.is_current = False
             return _RUNNING
         finally:
@@ -154,20 +162,21 @@ def tick_root(root: Node, executor: _Executor) -> State:
     """Ticks the root of a tree once. Returns its state."""
     if root.state is not _RUNNING or root.run is not None or not root.has_plain_visit:
         return root.visit(executor)
-    state = process_children(root, executor, executor)
+    running = executor.running_nodes
+    if running is not None and running.is_current:
+        state = running.tick(executor)
+    else:
+        state = visit_children(root, executor, executor)
     if state is not _RUNNING:
         executor.set_state(root, state)
     return state
 
 
-def process_children(node: Node, owner: _Owner, visitor: Visitor) -> State:
-    """Ticks the children of a running node. Returns the state that its processor returns.
+def visit_children(node: Node, owner: _Owner, visitor: Visitor) -> State:
+    """Visits the children of a running node, for which there is no list. Returns the state that its processor returns.
 
-    :param owner: keeps the list.
+    :param owner: gets a list for the next ticks, if no state has changed.
     """
-    running = owner.running_nodes
-    if running is not None and running.is_current:
-        return running.tick(visitor)
     changes = visitor.state_changes
     state = node.processor.processChildren(node.children, visitor)
     if state is _RUNNING and visitor.state_changes == changes:

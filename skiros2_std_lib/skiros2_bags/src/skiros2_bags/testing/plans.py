@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,10 +35,12 @@ Step = dict[str, Any]
 class RecordedPlan:
     """The first plan for a goal.
 
+    :param order: of the last message before it was made.
     :param state: of the goal's result; "" without one.
     """
 
     goal: ActionMessage
+    order: int
     steps: tuple[Step, ...]
     state: str
 
@@ -65,21 +67,23 @@ def recorded_plans(recording: Recording) -> list[RecordedPlan]:
     found = []
     for goal in recording.action_messages:
         if goal.part == "goal" and goal.action.endswith(ACTION) and not goal.content.wish.lstrip().startswith("["):
-            result = recording.result(goal)
-            steps = next(filter(None, _plans(recording, goal)), [])
+            result, order, steps = recording.result(goal), goal.order, ()
+            for event in recording.action_messages:
+                if (event.action, event.part, event.goal_id) == (goal.action, "feedback", goal.goal_id):
+                    steps = _steps(event)
+                    if steps:
+                        break
+                    order = event.order  # it waited, or was being planned
             if steps or result is not None:
-                found.append(RecordedPlan(goal, tuple(steps), result.content.state if result is not None else ""))
+                found.append(RecordedPlan(goal, order, steps, result.content.state if result is not None else ""))
     return found
 
 
-def _plans(recording: Recording, goal: ActionMessage) -> Iterator[list[Step]]:
-    answers = (e for e in recording.action_messages if (e.action, e.part) == (goal.action, "feedback"))
-    for event in answers:
-        if event.goal_id == goal.goal_id:
-            try:
-                yield json.loads(event.content.plan)
-            except ValueError as error:
-                raise BagError(f"{goal.action}: a recorded plan cannot be read: {error}") from error
+def _steps(feedback: ActionMessage) -> tuple[Step, ...]:
+    try:
+        return tuple(json.loads(feedback.content.plan))
+    except (ValueError, TypeError) as error:
+        raise BagError(f"{feedback.action}: a recorded plan cannot be read: {error}") from error
 
 
 def compare_plans(recording: Recording, workspace: Path | None) -> PlanComparison:
@@ -98,7 +102,7 @@ def compare_plans(recording: Recording, workspace: Path | None) -> PlanCompariso
     processes = EngineProcesses()
     try:
         for recorded in plans:
-            model = world_model_with(scene_before(recording, recorded.goal.order), workspace)
+            model = world_model_with(scene_before(recording, recorded.order), workspace)
             request, name = recorded.goal.content, str(recording.parameters.get("/tm/planner", DEFAULT_ENGINE))
             engine = planner_named(processes, request.wish or name)
             limits = Limits(request.seconds or float(recording.parameters.get("/tm/planning_time", Limits.seconds)))

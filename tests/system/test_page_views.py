@@ -79,6 +79,25 @@ def test_answered_request_is_no_alarm_any_more(open_page: Any) -> None:
     playwright.expect(page).to_have_title("(3) SkiROS2")
 
 
+def test_job_is_found_and_opened(open_page: Any) -> None:
+    expect = playwright.expect
+    page = open_page("view")
+    page.click("#all-jobs")
+    rows = page.locator("dialog.jobs .job-row")
+    expect(rows).to_have_count(5)
+    page.select_option("#job-filter", "failed")
+    expect(rows).to_have_count(1)
+    page.fill("#find-job", "order-1")
+    expect(page.locator("dialog.jobs [role=status]")).to_have_text("No such jobs.")
+    page.fill("#find-job", "ORDER-2")
+    rows.click()
+    details = page.locator("dialog.job-details")
+    for text in ("pick: expected a held part", "order-2", "Tray-1", "collected"):
+        expect(details).to_contain_text(text)
+    page.keyboard.press("Escape")
+    expect(details).to_have_count(0)
+
+
 @pytest.mark.long
 @pytest.mark.skipif(not AXE.is_file(), reason="needs npm's packages: make setup")
 @pytest.mark.parametrize("size", SIZES)
@@ -94,6 +113,12 @@ def test_axe_has_no_findings_in_any_view(open_page: Any, size: str) -> None:
     for name in ("alarms", "approvals"):
         page.click(f"#{name}")
         check(name)
+        page.click(f"#close-{name}")
+    page.click("#all-jobs")
+    check("jobs")
+    page.locator("dialog.jobs .job-row", has_text="failed").click()
+    check("details of a job")
+    for name in ("job-details", "jobs"):
         page.click(f"#close-{name}")
     page.click("#new-job")
     check("new job")

@@ -19,7 +19,7 @@ export class AlarmsView {
     this.all = h("button", { type: "button", class: "small", id: "acknowledge-all", onclick: () => this.#acknowledge() }, "Acknowledge all");
     this.dialog = h("dialog", { class: "approvals", "aria-label": "Alarms" }, h("form", { method: "dialog" },
       h("div", { class: "top" }, h("h2", {}, "Alarms"), this.all), this.list, h("p", { class: "dim none" }, "No alarms."),
-      h("footer", {}, h("button", { id: "close-alarms" }, "Close"))));
+      h("div", { class: "end" }, h("button", { id: "close-alarms" }, "Close"))));
     document.body.append(this.dialog);
   }
 

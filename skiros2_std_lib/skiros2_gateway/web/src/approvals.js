@@ -14,7 +14,7 @@ export class ApprovalsView {
     this.note = h("p", { class: "dim" });
     this.dialog = h("dialog", { class: "approvals", "aria-label": "Waiting approvals" }, h("form", { method: "dialog" },
       h("h2", {}, "Agents ask for"), this.note, this.list,
-      h("footer", {}, h("button", { id: "close-approvals" }, "Close"))));
+      h("div", { class: "end" }, h("button", { id: "close-approvals" }, "Close"))));
     document.body.append(this.dialog);
   }
 

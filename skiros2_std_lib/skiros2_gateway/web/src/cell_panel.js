@@ -3,6 +3,7 @@
 import { causeOfJob } from "./causes.js";
 import { notify, request } from "./cell.js";
 import { commandRobots } from "./commands.js";
+import { openJob, openJobs } from "./jobs_dialog.js";
 import { openJobDialog } from "./job_dialog.js";
 import { hasFailed, jobRole, jobTitle, jobWord } from "./job_words.js";
 import { clock, duration, h, keyed, localName, setText } from "./dom.js";
@@ -32,7 +33,8 @@ export class CellPanel {
     this.bagsBack = h("button", { class: "small", onclick: () => run.openBag("") }, "Back to the cell");
     this.now = h("div", {}, this.lost,
       h("header", {}, h("h2", {}, "Robots")), this.robots,
-      h("header", {}, h("h2", {}, "Jobs"), this.newJob), this.jobs);
+      h("header", {}, h("h2", {}, "Jobs"), h("span", { class: "grow" }),
+        h("button", { class: "small", id: "all-jobs", onclick: () => openJobs(cell) }, "Find"), this.newJob), this.jobs);
     panel.append(
       this.now,
       h("header", {}, this.runsTitle, this.bagsBack), this.runs,
@@ -83,6 +85,7 @@ export class CellPanel {
 
   #makeJob() {
     const element = card();
+    clickable(element, () => openJob(this.cell, element.item.id));
     const methods = ["start", "pause", "resume", "stop", "cancel", "clear"];
     element.buttons.append(...methods.map((method) =>
       button(method, () => request(`/api/jobs/${element.item.id}/${method}`, {}))));
@@ -107,15 +110,11 @@ export class CellPanel {
 
   #makeRun() {
     const element = card();
-    element.classList.add("clickable");
-    element.tabIndex = 0;
-    const select = () => {
+    clickable(element, () => {
       const [key, summary] = element.item;
       this.run.select(key, key.startsWith("bag/") ? summary.start : null);
       element.dispatchEvent(new CustomEvent("show-panel", { detail: "tree", bubbles: true }));
-    };
-    element.addEventListener("click", select);
-    element.addEventListener("keydown", (event) => event.key === "Enter" && select());
+    });
     return element;
   }
 
@@ -173,6 +172,13 @@ function card() {
   const part = (name) => (element[name] = h("span", { class: name }));
   element.append(part("title2"), part("chip"), part("detail"), part("buttons"));
   return element;
+}
+
+function clickable(element, open) {
+  element.classList.add("clickable");
+  element.tabIndex = 0;
+  element.addEventListener("click", open);
+  element.addEventListener("keydown", (event) => event.key === "Enter" && event.target === element && open());
 }
 
 function fill(element, role, title, word, detail, whole = detail) {

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from rosbags.rosbag1 import Reader, Writer
 
 from skiros2_bags.command_line.replay import main
 from skiros2_bags.core.bag_file import BagError
@@ -102,6 +103,23 @@ def test_server_whose_status_is_recorded_is_not_silent_before_the_goal_is_due(gr
     assert other.last_status_msg is None
 
 
+def test_divergence_names_what_the_bag_lacks(gripper: Recording, tmp_path: Path) -> None:
+    with Reader(BAGS / "gripper.bag") as reader, Writer(tmp_path / "lacking.bag") as writer:
+        known = {}
+        for connection, time, data in reader.messages():
+            if connection.topic != "/gripper/goal":
+                if connection.id not in known:
+                    text = connection.msgdef.data
+                    known[connection.id] = writer.add_connection(
+                        connection.topic, connection.msgtype, msgdef=text, md5sum=connection.digest,
+                        callerid=connection.ext.callerid,
+                    )  # fmt: skip
+                writer.write(known[connection.id], time, data)
+    found = rerun(Recording(tmp_path / "lacking.bag"), Settings())
+    assert found.divergence is not None
+    assert "the bag is incomplete: " in str(found) and "/gripper" in found.missing[0]
+
+
 def test_changed_processor_is_found(gripper: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     from replay_skills import skills
 
@@ -175,6 +193,7 @@ def test_program_prints_the_result(capsys: pytest.CaptureFixture[str]) -> None:
         "declared": [],
         "not_compared": UNSEEN,
         "plans": {"worse": [], "different": []},
+        "missing": [],
         "stored_orders": None,
     }
     assert main([str(BAGS / "none.bag")]) == 2

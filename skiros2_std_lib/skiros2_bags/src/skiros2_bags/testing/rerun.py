@@ -25,6 +25,7 @@ import rospy
 
 from skiros2_bags.core.bag_file import BagError
 from skiros2_bags.core.diff import POSE, diff_changes, summary, unchanged_keys
+from skiros2_bags.core.run import check
 from skiros2_bags.testing.declared import Declared
 from skiros2_bags.testing.fake_action_clients import RecordedActions
 from skiros2_bags.testing.orders import Ordering, alternatives
@@ -93,6 +94,7 @@ class ReplayResult:
     :param declared: how the declarations of skills in use differ from the recorded ones, a line each.
     :param not_compared: what a re-run of this bag does not compare, a line each.
     :param plans: see `PlanComparison`.
+    :param missing: with a divergence: which messages the bag lacks, a line each; they may be its cause.
     :param stored_orders: how many orders a re-run of this bag needed when that was stored; None: it was not.
     """
 
@@ -101,6 +103,7 @@ class ReplayResult:
     declared: tuple[str, ...] = ()
     not_compared: tuple[str, ...] = ()
     plans: PlanComparison = field(default_factory=PlanComparison)
+    missing: tuple[str, ...] = ()
     stored_orders: int | None = None
 
     @property
@@ -111,6 +114,7 @@ class ReplayResult:
         lines = [f"declared differently: {line}" for line in self.declared]
         lines += [f"planned worse: {line}" for line in self.plans.worse]
         lines += [str(self.divergence)] if self.divergence is not None else [] if lines else ["as recorded"]
+        lines += [f"the bag is incomplete: {line}" for line in self.missing]
         lines += [f"planned differently, not worse: {line}" for line in self.plans.different]
         lines += [f"{self.orders} event orders were tried"] if self.orders > 1 else []
         if self.stored_orders is not None and self.orders > self.stored_orders:
@@ -160,7 +164,9 @@ def rerun(recording: Recording, settings: Settings) -> ReplayResult:
         plans = compare_plans(recording, settings.workspace)
     elif goals := len(recorded_plans(recording)):
         not_planned = [f"the plans of {goals} goal{'s' * (goals > 1)}: with --plans they are made again"]
-    return ReplayResult(best.divergence, orders, best.declared, (*best.not_compared, *not_planned), plans)
+    checked = check(recording.run) if best.divergence is not None else []
+    missing = tuple(finding.text for finding in checked if not finding.holds)
+    return ReplayResult(best.divergence, orders, best.declared, (*best.not_compared, *not_planned), plans, missing)
 
 
 @dataclass(frozen=True)

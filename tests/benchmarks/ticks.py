@@ -23,7 +23,8 @@ from skiros2_common.core.world_element import Element
 from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.core.runtime.scheduler import RECURSION_LIMIT
 from skiros2_skill.core.runtime.task import Task
-from skiros2_skill.core.skill import ParallelFf, Sequential, Skill, SkillWrapper, State
+from skiros2_skill.core.skill import ParallelFf, Sequential, Skill, SkillBase, SkillWrapper, State
+from skiros2_skill.core.tree.node import SkillInterface
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 
 RUNS = 9
@@ -31,6 +32,7 @@ TICKS = 20
 #: The leaves of the large tree: under a parallel node of 333 parallel nodes, which makes 1334.
 LARGE = 1000
 STEPS = 1000
+DEPTH = 20
 #: For each skill of a sequence, from its start to its end (µs).
 MOST_FOR_A_SKILL = 50.0
 
@@ -100,6 +102,10 @@ class count(PrimitiveBase):
         return self.step("")
 
 
+class Nested(SkillDescription):
+    pass
+
+
 class RunOn(py_trees.behaviour.Behaviour):
     def update(self) -> py_trees.common.Status:
         return py_trees.common.Status.RUNNING
@@ -119,6 +125,7 @@ def measure() -> Iterator[Measurement]:
     yield _ticks(f"tick of {nodes} nodes, an element changed", ours.tick, peer.tick, 0.08, scene.change_of_another)
     counting = scene.holding(LARGE, groups_of=3, counting=True)
     yield _ticks(f"tick of {nodes} nodes, a parameter changed", counting.tick, peer.tick, 0.08)
+    yield _ticks(f"tick of {DEPTH} nested compounds", scene.nested().tick, _peer_chain().tick, 0.3)
     yield paired(
         f"one of {STEPS} skills in a sequence, all in one tick",
         lambda: 1e6 * _seconds_of(_collected(scene.checking(STEPS)).tick, State.Success) / STEPS,
@@ -204,6 +211,17 @@ class _Scene:
             raise RuntimeError(f"not all nodes run: {task.explanations()}")
         return task
 
+    def nested(self) -> Task:
+        """A task of compounds, each in the one before it, with a leaf that runs."""
+        node: SkillInterface = self._node("Hold", 0)
+        for number in range(DEPTH):
+            self.library.add(_compound(f"compound_{number}", node))
+            node = SkillWrapper("Nested", f"compound_{number}", self.library)
+        task = self._task(node)
+        if task.tick() is not State.Running:
+            raise RuntimeError(f"it does not run: {task.explanations()}")
+        return task
+
     def checking(self, steps: int) -> Task:
         """A task of as many skills one after the other."""
         return self._task(Skill("", Sequential())(*(self._node("Check", n) for n in range(steps))))
@@ -232,6 +250,19 @@ class _Scene:
         return element
 
 
+def _compound(label: str, child: SkillInterface) -> type[SkillBase]:
+    """A compound of one child."""
+
+    class Compound(SkillBase):
+        def createDescription(self) -> None:
+            self.setDescription(Nested(), label)
+
+        def expand(self, skill: SkillInterface) -> None:
+            skill(child)
+
+    return Compound
+
+
 def _shape(leaves: list[Any], groups_of: int, parallel: Callable[[list[Any]], Any]) -> Any:
     """All leaves in one parallel node, or in groups under one; the last group takes what is left."""
     if not groups_of:
@@ -254,6 +285,17 @@ def _peer_parallel(children: list[Any]) -> py_trees.composites.Parallel:
 
 def _peer_tree(leaves: int, groups_of: int = 0) -> py_trees.trees.BehaviourTree:
     tree = py_trees.trees.BehaviourTree(_shape([RunOn(str(n)) for n in range(leaves)], groups_of, _peer_parallel))
+    tree.tick()
+    return tree
+
+
+def _peer_chain() -> py_trees.trees.BehaviourTree:
+    node: py_trees.behaviour.Behaviour = RunOn("leaf")
+    for number in range(DEPTH):
+        sequence = py_trees.composites.Sequence(str(number), memory=True)
+        sequence.add_child(node)
+        node = sequence
+    tree = py_trees.trees.BehaviourTree(node)
     tree.tick()
     return tree
 

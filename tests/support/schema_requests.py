@@ -19,8 +19,10 @@ from schemathesis import GenerationMode, checks
 
 from skiros2_gateway.agents.server import AgentServer
 from skiros2_gateway.core.bags import Bags
+from skiros2_gateway.core.figures import Figures
 from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.http.alarms import alarms_router
+from skiros2_gateway.http.figures import figures_router
 from skiros2_gateway.http.live import live_router
 from skiros2_live.core.cell import CellDocument
 from skiros2_live.core.patch import TaskProgress
@@ -54,8 +56,14 @@ def served_gateway(folder: Path) -> Iterator[str]:
         gateway.cell.run("a")
         view = LiveView(CellDocument())
         view.cell.apply(TaskProgress("/robot", _nodes(3, 3), view.cell.clock()))
+        figures = Figures(gateway.store, view.cell)
         agents = AgentServer(gateway.service)
-        routers = [live_router(view, _Cell(), Bags(None)), alarms_router(view), agents.router()]
+        routers = [
+            live_router(view, _Cell(), Bags(None)),
+            alarms_router(view),
+            figures_router(figures.write),
+            agents.router(),
+        ]
         async with served(gateway.service, routers=routers) as address:
             addresses.append(address)
             started.set()
@@ -118,7 +126,9 @@ def send_valid(address: str) -> None:
         ("GET", "/api/live/runs/{key}/nodes/{node}", {"path_parameters": node}),
         ("POST", "/api/live/runs/{key}/{action}", {"path_parameters": {"key": "run-1", "action": "stop"}}),
         *(("GET", f"/api/{path}", {}) for path in ("health", "sessions", "state", "world", "jobs", "work_masters")),
-        *(("GET", f"/api/{path}", {}) for path in ("skills", "audit", "approvals", "alarms", "live", "live/bags")),
+        *(("GET", f"/api/{path}", {}) for path in ("skills", "audit", "approvals", "alarms", "figures", "live")),
+        ("GET", "/api/live/bags", {}),
+        ("GET", "/api/figures/{table}.csv", {"path_parameters": {"table": "robots"}}),
         ("POST", "/api/alarms/acknowledge", {"body": {"alarms": []}}),
     ]  # fmt: skip
     for method, path, arguments in requests_:

@@ -13,11 +13,14 @@ from skiros2_gateway.agents.server import AgentServer
 from skiros2_gateway.core.access import AGENTS, Caller, Role
 from skiros2_gateway.core.approvals import Approvals, Request
 from skiros2_gateway.core.bags import Bags
+from skiros2_gateway.core.figures import Figures
 from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.http.alarms import alarms_router
+from skiros2_gateway.http.figures import figures_router
 from skiros2_gateway.http.live import live_router, page_router
-from skiros2_live.core.patch import TASK_MANAGER, Connection
+from skiros2_live.core.patch import TASK_MANAGER, Connection, TaskProgress
 from support.http_gateway import served
+from support.progress import FAILURE, SUCCESS, pick_and_place
 from unit.skiros2_gateway.conftest import Gateway
 from unit.skiros2_gateway.test_live_http import _Cell
 
@@ -79,9 +82,16 @@ def served_page(folder: Path, page: Path) -> Iterator[str]:
         gateway.service.approvals = Approvals(gateway.events, is_needed=True, timeout=300.0)
         await fill(gateway)
         view = LiveView(gateway.cell.document)
+        figures = Figures(gateway.store, gateway.cell.document)
+        for number in range(5):
+            robot, stamp = "/arm", gateway.cell.document.clock()
+            gateway.cell.document.apply(TaskProgress(robot, pick_and_place(task_id=number), stamp))
+            last = pick_and_place(SUCCESS, SUCCESS, task_id=number, state=SUCCESS if number else FAILURE, code=1)
+            gateway.cell.document.apply(TaskProgress(robot, last, stamp + 12.5))
         tasks = [asyncio.create_task(view.follow(gateway.service)), ask(gateway)]
         agents = AgentServer(gateway.service).router()
-        routers = [live_router(view, _Cell(), Bags(None)), alarms_router(view), agents, page_router(page)]
+        routers = [live_router(view, _Cell(), Bags(None)), alarms_router(view), figures_router(figures.write)]
+        routers += [agents, page_router(page)]
         async with served(gateway.service, routers=routers) as address:
             addresses.append(address)
             started.set()

@@ -98,6 +98,20 @@ def test_job_is_found_and_opened(open_page: Any) -> None:
     expect(details).to_have_count(0)
 
 
+def test_figures_of_a_period_are_shown_and_saved(open_page: Any) -> None:
+    expect = playwright.expect
+    page = open_page("view")
+    page.click("#figures")
+    figures = page.locator("dialog.figures-view")
+    expect(figures.locator("section", has_text="Skills").locator("tbody tr")).to_contain_text("pick")
+    expect(figures.locator("section", has_text="Robots")).to_contain_text("80.0 %")  # one of five tasks has failed
+    page.select_option("#figures-period", "0")
+    expect(figures.locator("section", has_text="frequent")).to_contain_text("Product-2 has slipped")
+    with page.expect_download() as saved:
+        page.click("[aria-label='Skills as CSV']")
+    assert saved.value.path().read_text().splitlines() == ["robot,skill,runs,failures,mean_s", "/arm,pick,5,1,12.5"]
+
+
 @pytest.mark.long
 @pytest.mark.skipif(not AXE.is_file(), reason="needs npm's packages: make setup")
 @pytest.mark.parametrize("size", SIZES)
@@ -114,6 +128,10 @@ def test_axe_has_no_findings_in_any_view(open_page: Any, size: str) -> None:
         page.click(f"#{name}")
         check(name)
         page.click(f"#close-{name}")
+    page.click("#figures")
+    page.wait_for_selector(".figures table")
+    check("figures")
+    page.click("#close-figures-view")
     page.click("#all-jobs")
     check("jobs")
     page.locator("dialog.jobs .job-row", has_text="failed").click()

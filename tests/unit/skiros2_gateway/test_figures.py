@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from skiros2_gateway.core.figures import Figures, totals_of
+from skiros2_gateway.core.figures import Figures, report, totals_of
 from skiros2_gateway.core.store import FigureKey, JobStore
+from skiros2_gateway.http.figures import figures_router
 from skiros2_live.core.cell import CellDocument
 from skiros2_live.core.patch import ManagerConnection, TaskProgress
+from support.http_gateway import curl, served
 from support.progress import FAILURE, SUCCESS, ProgressNode, pick_and_place, root
+from unit.skiros2_gateway.conftest import TOKENS
 
 ROBOT = "/robot"
 
@@ -79,3 +84,32 @@ def test_figures_of_a_period_are_summed(cell: Cell) -> None:
     found = cell.store.figures(3, 5)
     assert (found[FigureKey(ROBOT, "runs", "pick")], found[FigureKey(ROBOT, "run_seconds", "pick")]) == (2.0, 200.0)
     assert totals_of(found)[ROBOT].succeeded == 2
+
+
+def test_figures_are_read_by_rest_also_as_csv(in_gateway: Callable[..., None]) -> None:
+    async def test(gateway: Any) -> None:
+        gateway.now = 7300.0
+        for job_id, outcome in (("a", "succeeded"), ("b", "failed"), ("c", "failed")):
+            await gateway.put(job_id)
+            gateway.cell.run(job_id)
+            gateway.cell.end(job_id, outcome, "=the gripper, is empty")
+        gateway.store.add_figures(
+            2, {FigureKey(ROBOT, "seconds", "idle"): 60.0, FigureKey(ROBOT, "tasks", "failed"): 2.0}
+        )
+        runs = {"runs": 4.0, "run_seconds": 10.0, "failures": 1.0}
+        gateway.store.add_figures(2, {FigureKey(ROBOT, kind, "pick"): value for kind, value in runs.items()})
+        async with served(gateway.service, routers=[figures_router(lambda: None)]) as address:
+
+            async def read(path: str) -> Any:
+                return (await curl(address, f"/api/figures{path}", token=TOKENS["view"]))[1]
+
+            found = await read("?begin=7200&end=7400")
+            assert found["jobs"] == [{"outcome": "failed", "jobs": 2}, {"outcome": "succeeded", "jobs": 1}]
+            assert found["skills"] == [{"robot": ROBOT, "skill": "pick", "runs": 4, "failures": 1, "mean_s": 2.5}]
+            assert (found["robots"][0]["failed"], found["robots"][0]["oee"]) == (2, 0.0)
+            assert found == report(gateway.store, 7200.0, 7400.0)
+            assert (await read("?end=7000"))["jobs"] == []
+            assert await read("/failures.csv") == 'message,jobs\n"\'=the gripper, is empty",2\n'
+            assert await read("/skills.csv?begin=20000") == "robot,skill,runs,failures,mean_s\n"
+
+    in_gateway(test)

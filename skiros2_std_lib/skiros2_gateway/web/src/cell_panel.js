@@ -3,6 +3,7 @@
 import { causeOfJob } from "./causes.js";
 import { notify, request } from "./cell.js";
 import { commandRobots } from "./commands.js";
+import { openFigures } from "./figures.js";
 import { openJob, openJobs } from "./jobs_dialog.js";
 import { openJobDialog } from "./job_dialog.js";
 import { hasFailed, jobRole, jobTitle, jobWord } from "./job_words.js";
@@ -32,7 +33,7 @@ export class CellPanel {
     this.runsTitle = h("h2", {}, "Runs");
     this.bagsBack = h("button", { class: "small", onclick: () => run.openBag("") }, "Back to the cell");
     this.now = h("div", {}, this.lost,
-      h("header", {}, h("h2", {}, "Robots")), this.robots,
+      h("header", {}, h("h2", {}, "Robots"), h("button", { class: "small", id: "figures", onclick: () => openFigures(cell) }, "Figures")), this.robots,
       h("header", {}, h("h2", {}, "Jobs"), h("span", { class: "grow" }),
         h("button", { class: "small", id: "all-jobs", onclick: () => openJobs(cell) }, "Find"), this.newJob), this.jobs);
     panel.append(

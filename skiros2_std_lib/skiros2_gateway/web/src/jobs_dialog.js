@@ -14,7 +14,8 @@ const FILTERS = { all: ["All jobs", ""], queued: ["Queued", "&state=AllowedToSta
 const DAY = 86400; // s
 const PERIODS = { 1: "Last day", 7: "Last 7 days", 30: "Last 30 days", 0: "Any time" };
 
-function dialog(name, label, ...content) {
+// A dialog that is removed when it is closed.
+export function openDialog(name, label, ...content) {
   const close = () => element.remove();
   const element = h("dialog", { class: `approvals ${name}`, "aria-label": label }, h("form", { method: "dialog" }, ...content,
     h("div", { class: "end" }, h("button", { id: `close-${name}` }, "Close"))));
@@ -59,7 +60,7 @@ export function openJobs(cell) {
     timer = setTimeout(read, REST);
   });
   text.addEventListener("keydown", (event) => event.key === "Enter" && event.preventDefault());
-  dialog("jobs", "Jobs", h("h2", {}, "Jobs"), h("div", { class: "filters" }, text, filter, period), list, note, more);
+  openDialog("jobs", "Jobs", h("h2", {}, "Jobs"), h("div", { class: "filters" }, text, filter, period), list, note, more);
   read();
   text.focus();
 }
@@ -83,7 +84,7 @@ export async function openJob(cell, id) {
   const time = (seconds) => (seconds ? moment(seconds, cell.now) : "");
   const states = Object.fromEntries(response.steps.map((step) => [step.number, step]));
   const change = ({ author, lines }) => lines.map((line) => [cell.withLabels(line), h("span", { class: "dim" }, ` ${localName(author.replace(/^\//, ""))}`)]);
-  dialog("job-details", jobTitle(cell, job),
+  openDialog("job-details", jobTitle(cell, job),
     h("div", { class: "top" }, h("h2", {}, jobTitle(cell, job)), h("span", { class: `chip ${jobRole(job)}` }, jobWord(job))),
     response.message && h("p", { class: "reason" }, cell.withLabels(response.message)),
     facts([["Id", job.id], ["Work master", order.work_master.replaceAll("_", " ")],

@@ -11,6 +11,7 @@ import logging
 import weakref
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 from skiros2_gateway.core.problems import StoreFailed
 from skiros2_gateway.core.store import FigureKey, JobStore
@@ -96,3 +97,26 @@ def _figures(robot: str, totals: Totals) -> dict[FigureKey, float]:
     seconds = {FigureKey(robot, "seconds", state): value for state, value in totals.times.items()}
     tasks = {"succeeded": totals.succeeded, "failed": totals.failed}
     return seconds | {FigureKey(robot, "tasks", name): value for name, value in tasks.items()}
+
+
+def report(store: JobStore, begin: float, end: float) -> dict[str, Any]:
+    """Returns the figures of a period as JSON data; see `GET /api/figures`.
+
+    :param begin, end: s since the epoch; the figures of robots are those of all hours that the period touches.
+    """
+    figures = store.figures(int(begin // _HOUR), int(-(-end // _HOUR)))
+    robots = [{"robot": name, **totals.counters()} for name, totals in sorted(totals_of(figures).items())]
+    skills = [
+        {
+            "robot": key.robot,
+            "skill": key.name,
+            "runs": round(runs),
+            "failures": round(figures.get(key._replace(kind="failures"), 0.0)),
+            "mean_s": figures.get(key._replace(kind="run_seconds"), 0.0) / runs,
+        }
+        for key, runs in sorted(figures.items())
+        if key.kind == "runs"
+    ]
+    jobs = [{"outcome": outcome, "jobs": count} for outcome, count in store.outcomes(begin, end)]
+    failures = [{"message": message, "jobs": count} for message, count in store.failures(begin, end)]
+    return {"begin": begin, "end": end, "robots": robots, "skills": skills, "jobs": jobs, "failures": failures}

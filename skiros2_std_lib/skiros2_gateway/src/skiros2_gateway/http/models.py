@@ -276,6 +276,56 @@ class Alarms(BaseModel):
     alarms: list[Alarm]
 
 
+class RobotFigures(BaseModel):
+    """A robot in a period: times (s), ended tasks, and ratios; see `Totals.counters`."""
+
+    robot: str
+    total_s: float
+    busy_s: float
+    down_s: float
+    succeeded: int
+    failed: int
+    availability: float
+    utilisation: float
+    quality: float
+    oee: float
+
+
+class SkillFigures(BaseModel):
+    """A robot's tasks with a skill in a period. `mean_s`: the mean duration (s)."""
+
+    robot: str
+    skill: str
+    runs: int
+    failures: int
+    mean_s: float
+
+
+class JobFigures(BaseModel):
+    """The number of jobs that have ended with an outcome."""
+
+    outcome: str
+    jobs: int
+
+
+class FailureFigures(BaseModel):
+    """The number of jobs that have failed with a message."""
+
+    message: str
+    jobs: int
+
+
+class Figures(BaseModel):
+    """The figures of a period (s since the epoch)."""
+
+    begin: float
+    end: float
+    robots: list[RobotFigures]
+    skills: list[SkillFigures]
+    jobs: list[JobFigures]
+    failures: list[FailureFigures]
+
+
 # -- the live view -----------------------------------------------------------------------------------------------------
 
 

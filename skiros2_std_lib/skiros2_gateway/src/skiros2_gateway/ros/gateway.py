@@ -34,6 +34,7 @@ from skiros2_gateway.core.users import UsersFile
 from skiros2_gateway.core.work_masters import WorkMasters, read_work_masters
 from skiros2_gateway.http.alarms import alarms_router
 from skiros2_gateway.http.app import create_app
+from skiros2_gateway.http.figures import figures_router
 from skiros2_gateway.http.live import live_router, page_router
 from skiros2_gateway.http.server import GRACE, HttpServer, Limits
 from skiros2_gateway.mqtt.bridge import MqttBridge
@@ -106,7 +107,7 @@ async def _serve(settings: Settings) -> None:
         if settings.http_port >= 0:
             sock = await _listen(settings, "http_port", settings.http_port)
             stop_port = await _start_stop_port(service, cell, settings, sock.getsockname()[1], stack)
-            routers = _live_view(service, cell, settings, stop_port, stack)
+            routers = [figures_router(figures.write), *_live_view(service, cell, settings, stop_port, stack)]
             if settings.agents != "off":
                 from skiros2_gateway.agents.server import AgentServer  # imports for a second
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -120,6 +121,15 @@ def test_recorder_started_before_the_master_misses_nothing(recorded: Recorded) -
     assert {"/rosout", "/tf_static", "/skill_managers/description"} <= {*run.topics}
     *_, parameters = run.messages("/recorder/parameters")
     assert "move_base_timed" in parameters.content.data
+
+
+def test_launch_file_records_evidence_and_the_program_only_on_request(recorded: Recorded) -> None:
+    topic = f"{ROBOT}/evidence"
+    messages = recorded.launched.messages(topic)
+    entries = [entry for message in messages for entry in json.loads(message.content.data)["entries"]]
+    assert ["0", "post", "RobotAtTarget", True] in entries
+    assert ["0.0", "hook", "onStart", None] in entries
+    assert topic not in recorded.whole.topics
 
 
 def test_bag_contains_the_run(recorded: Recorded) -> None:

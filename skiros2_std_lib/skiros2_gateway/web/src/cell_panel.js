@@ -18,7 +18,7 @@ const JOB_ORDER = ["Running", "Interrupted", "AllowedToStart", "NotAllowedToStar
 export const GOALS = "goals"; // the robot of runs that are goals
 
 export class CellPanel {
-  tables = ["cell", "connections", "jobs", "goals", "runs"];
+  tables = ["cell", "connections", "jobs", "queue", "goals", "runs"];
 
   constructor(panel, cell, run) {
     this.cell = cell;
@@ -27,6 +27,7 @@ export class CellPanel {
     this.lost = h("div", { class: "lost" });
     this.robots = list();
     this.jobs = list();
+    this.hidden = h("button", { class: "small more", hidden: true, onclick: () => openJobs(cell) });
     this.runs = list();
     this.bags = list();
     this.newJob = h("button", { class: "primary small", id: "new-job", hidden: true, onclick: () => openJobDialog(cell) }, "New job");
@@ -35,7 +36,7 @@ export class CellPanel {
     this.now = h("div", {}, this.lost,
       h("header", {}, h("h2", {}, "Robots"), h("button", { class: "small", id: "figures", onclick: () => openFigures(cell) }, "Figures")), this.robots,
       h("header", {}, h("h2", {}, "Jobs"), h("span", { class: "grow" }),
-        h("button", { class: "small", id: "all-jobs", onclick: () => openJobs(cell) }, "Find"), this.newJob), this.jobs);
+        h("button", { class: "small", id: "all-jobs", onclick: () => openJobs(cell) }, "Find"), this.newJob), this.jobs, this.hidden);
     panel.append(
       this.now,
       h("header", {}, this.runsTitle, this.bagsBack), this.runs,
@@ -55,6 +56,9 @@ export class CellPanel {
     const shown = Object.values(jobs).sort(compareJobs);
     keyed(this.jobs, shown, (job) => job.id, () => this.#makeJob(), (element, job) => this.#showJob(element, job));
     empty(this.jobs, "No jobs.");
+    const hidden = this.cell.document.queue.hidden?.count ?? 0;
+    this.hidden.hidden = hidden === 0;
+    setText(this.hidden, `${hidden} more wait`);
     const runs = Object.entries(this.run.bagName ? this.run.bag : this.cell.document.runs);
     setText(this.runsTitle, this.run.bagName ? `Runs in ${this.run.bagName}` : "Runs");
     this.bagsBack.hidden = !this.run.bagName;

@@ -87,7 +87,8 @@ class Method(StrEnum):
 #: The names of the methods that end a job's motion, in lower case.
 STOPS = (Method.STOP.name.lower(), Method.ABORT.name.lower())
 
-_BEFORE = (State.NOT_ALLOWED_TO_START, State.ALLOWED_TO_START)
+#: The states in which a job has not started.
+BEFORE = (State.NOT_ALLOWED_TO_START, State.ALLOWED_TO_START)
 _STARTED = (State.RUNNING, State.INTERRUPTED)
 
 #: The states in which a method is allowed. `Store` and `StoreAndStart` need an unknown job id instead.
@@ -96,10 +97,10 @@ ALLOWED: dict[Method, tuple[State, ...]] = {
     Method.REVOKE_START: (State.ALLOWED_TO_START,),
     Method.PAUSE: (State.RUNNING,),
     Method.RESUME: (State.INTERRUPTED,),
-    Method.UPDATE: _BEFORE,
+    Method.UPDATE: BEFORE,
     Method.STOP: _STARTED,
-    Method.ABORT: (*_BEFORE, *_STARTED),
-    Method.CANCEL: _BEFORE,
+    Method.ABORT: (*BEFORE, *_STARTED),
+    Method.CANCEL: BEFORE,
     Method.CLEAR: (State.ENDED, State.ABORTED),
 }
 

@@ -9,6 +9,7 @@ Its members are tables, objects by key; see also `skiros2_live.core.cell.CellDoc
 - `approvals`: what agents ask for, as in `GET /api/approvals`, without previews and failures.
 - `connections`: {name, address, is_up, since, text} of the parts beside the robots, as far as they are known.
 - `alarms`: what needs a person, see `skiros2_gateway.core.alarms`.
+- `queue`: `hidden` is {count}, how many jobs wait beside those in `jobs`.
 - `cell`: robots, ready and capacity, as in `GET /api/state`.
 - `elements`: {type, label, properties, relations, marker}; see `skiros2_live.core.scene_view`.
 - `frames`: of tf: [parent, x, y, z, qx, qy, qz, qw] (m) by child; `bodies`: the visuals of each robot.
@@ -22,6 +23,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
+from itertools import islice
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -30,6 +32,7 @@ from skiros2_common.core.names import nearest
 from skiros2_gateway.core.alarms import TABLES as ALARM_TABLES
 from skiros2_gateway.core.alarms import alarms_of
 from skiros2_gateway.core.events import EventStream
+from skiros2_gateway.core.job import BEFORE, FINAL
 from skiros2_gateway.core.patch import apply_patch, merge_patch, without_none
 from skiros2_gateway.core.run_view import summary_data, tree_patch
 from skiros2_gateway.core.scene_history import TABLES, SceneHistory
@@ -51,12 +54,14 @@ PERIOD = 0.04
 _KEPT = 250
 #: The trees and ended jobs in the document.
 _MAX_TREES, _MAX_JOBS = 6, 50
+#: The jobs in the document that have not started.
+_MAX_WAITING = 100
 
 #: The parts of a job's response in the document; `goals` has its plan and steps.
 _RESPONSE = ("started", "ended", "outcome", "message", "robots", "quality")
 
 _TABLES = (
-    *("runs", "trees", "goals", "jobs", "approvals", "connections", "cell", "alarms"),
+    *("runs", "trees", "goals", "jobs", "approvals", "connections", "cell", "alarms", "queue"),
     *("elements", "frames", "bodies", "signals"),
 )
 
@@ -105,6 +110,9 @@ class LiveView:
         self._sent: dict[str, Frame] = {}
         self._timer: asyncio.TimerHandle | None = None
         self._last_flush = 0.0
+        self._waiting: set[str] = set()  # the jobs in the document that have not started
+        self._hidden: set[str] = set()  # others
+        self._ended: dict[str, None] = {}  # the ended jobs in the document, the oldest first
         self._acknowledged: Mapping[str, Mapping[str, Any]] = {}
         self._has_alarm_change = False
         cell.subscribe(Recorded, self._on_progress)
@@ -130,7 +138,7 @@ class LiveView:
         self._acknowledged = service.acknowledged.entries
         while True:
             after = service.events.last_id
-            for job in service.store.jobs(limit=_MAX_JOBS):
+            for job in [*reversed(list(service.store.jobs(limit=_MAX_JOBS))), *service.control.open_jobs]:
                 self.put_job(job.to_dict())
             self.replace("approvals", {each.id: _approval(each.to_dict()) for each in service.approvals.open})
             self.replace("cell", service.control.cell.state())
@@ -139,6 +147,7 @@ class LiveView:
                     break
                 if event.kind == "job":
                     self.put_job(event.data)
+                    self._fill_up(service)
                 elif event.kind == "approval":
                     self.put("approvals", event.data["id"], _approval(event.data))
                 elif event.kind == "cell":
@@ -215,13 +224,36 @@ class LiveView:
         self._apply({table: patch} if patch else {})
 
     def put_job(self, job: Mapping[str, Any]) -> None:
-        """Updates a job."""
-        jobs = self._document["jobs"]
+        """Updates a job. Of jobs that wait, the document has so many only: what it costs does not grow with them."""
+        job_id, is_cleared = str(job["id"]), bool(job["cleared"])
+        is_waiting = not is_cleared and job["state"] in BEFORE
+        if is_waiting and job_id not in self._waiting and len(self._waiting) >= _MAX_WAITING:
+            self._hidden.add(job_id)
+            return self._show_hidden()
+        self._hidden.discard(job_id)
+        self._waiting.discard(job_id)
+        self._ended.pop(job_id, None)
+        if is_waiting:
+            self._waiting.add(job_id)
+        elif job["state"] in FINAL and not is_cleared:
+            self._ended[job_id] = None
         response = {key: value for key, value in job["response"].items() if key in _RESPONSE}
-        self.put("jobs", str(job["id"]), None if job["cleared"] else {**job, "response": response})
-        ended = [key for key, known in jobs.items() if known["state"] in ("Ended", "Aborted")]
-        for key in ended[: max(0, len(ended) - _MAX_JOBS)]:
-            self.put("jobs", key, None)
+        self.put("jobs", job_id, None if is_cleared else {**job, "response": response})
+        while len(self._ended) > _MAX_JOBS:
+            oldest = next(iter(self._ended))
+            del self._ended[oldest]
+            self.put("jobs", oldest, None)
+        return self._show_hidden()
+
+    def _fill_up(self, service: Service) -> None:
+        """Shows jobs that have waited out of sight, when there is room for half of them."""
+        if self._hidden and len(self._waiting) <= _MAX_WAITING // 2:
+            hidden = (job for job in service.control.open_jobs if job.id in self._hidden)
+            for job in islice(hidden, _MAX_WAITING - len(self._waiting)):
+                self.put_job(job.to_dict())
+
+    def _show_hidden(self) -> None:
+        self.put("queue", "hidden", {"count": len(self._hidden)} if self._hidden else None)
 
     # -- patches -----------------------------------------------------------------------------------------------
 

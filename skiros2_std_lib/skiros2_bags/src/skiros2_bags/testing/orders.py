@@ -35,6 +35,7 @@ class Ordering:
     :param time_shifts: (order of a progress message, time shift of its tick in s).
     :param preempting: orders of progress messages in which primitives that are replaced by their recorded progress have
         failed because the tree has preempted them, and not by themselves.
+    :param late: orders of changes by primitives that are replaced by their recorded progress, recorded after it.
     :param results: orders of progress messages in which primitives that go on have received a result after a feedback.
     """
 
@@ -42,6 +43,7 @@ class Ordering:
     time_shifts: tuple[tuple[int, float], ...] = ()
     preempting: frozenset[int] = frozenset()
     results: frozenset[int] = frozenset()
+    late: frozenset[int] = frozenset()
 
 
 def alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterator[Ordering]:

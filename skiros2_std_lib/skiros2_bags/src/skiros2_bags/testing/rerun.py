@@ -28,10 +28,11 @@ from skiros2_bags.core.diff import POSE, diff_changes, summary, unchanged_keys
 from skiros2_bags.core.run import check
 from skiros2_bags.testing.declared import Declared
 from skiros2_bags.testing.fake_action_clients import RecordedActions
-from skiros2_bags.testing.orders import Ordering, alternatives
+from skiros2_bags.testing.orders import WINDOW, Ordering, alternatives
 from skiros2_bags.testing.plans import PlanComparison, compare_plans, recorded_plans
 from skiros2_bags.testing.recorded_world import (
     add_reasoners,
+    change_operations,
     input_operations,
     recorded_unchanged,
     scene_before,
@@ -159,6 +160,9 @@ def rerun(recording: Recording, settings: Settings) -> ReplayResult:
         if found.divergence is None or found.event.order > best.event.order:
             best, ordering = found, other
             others = alternatives(recording, ordering, best.event)
+    if best.divergence is not None and best.late:
+        orders += 1
+        best = _attempt(recording, runs, settings, replace(ordering, late=best.late))
     plans, not_planned = PlanComparison(), list[str]()
     if settings.plans:
         plans = compare_plans(recording, settings.workspace)
@@ -177,6 +181,7 @@ class _Attempt:
     divergence: Divergence | None
     declared: tuple[str, ...]
     not_compared: tuple[str, ...]
+    late: frozenset[int]
 
 
 def _attempt(recording: Recording, runs: list[RecordedTask], settings: Settings, ordering: Ordering) -> _Attempt:
@@ -191,7 +196,7 @@ def _attempt(recording: Recording, runs: list[RecordedTask], settings: Settings,
         else:
             event = replace(events[-1], order=math.inf)  # type: ignore[arg-type]
             divergence = run.end()
-        return _Attempt(event, divergence, run.declared_differently(), run.not_compared())
+        return _Attempt(event, divergence, run.declared_differently(), run.not_compared(), frozenset(run.late))
 
 
 class RerunPass:
@@ -245,7 +250,7 @@ class RerunPass:
             frames = (message.frame for message in run.progress)
             self._used[run.manager].update(node.label for frame in frames for node in frame.nodes.values())
         self._tasks: dict[int, RerunTask] = {}
-        self._cancelled: set[str] = set()
+        self._maybe_late: list[WorldChange] = []
 
     def __enter__(self) -> RerunPass:
         enter = self._exit.enter_context
@@ -271,8 +276,15 @@ class RerunPass:
         if event.order < self._first:
             return None
         elif isinstance(event, WorldChange):
+            if event in self._not_made and self._follows_played(event):
+                self._maybe_late.append(event)
             if event.order not in self._own:
                 self.model.transact(self._inputs[event.order], event.change.author)
+            elif event.order in self._ordering.late and event in self._not_made:
+                # A write of a played primitive, recorded after the progress of its tick: the others are made by now.
+                self.model.transact(change_operations(event.change, self.model.scene()), event.change.author)
+                self._not_made.remove(event)
+                del self._own[event.order]
         elif isinstance(event, SignalMessage):
             self.clock.advance(max(0.0, event.time - self._begin - self.clock.now))
             for manager in self.managers.values():
@@ -283,6 +295,14 @@ class RerunPass:
         elif isinstance(event, TaskProgress) and event.order in self._runs:
             return self._tick(event)
         return None
+
+    def _follows_played(self, event: WorldChange) -> bool:
+        return event.time - self.managers[event.change.author].played_ended_at <= WINDOW
+
+    @property
+    def late(self) -> list[int]:
+        """The orders of changes that were not made, and that played primitives may have made; see `Ordering.late`."""
+        return [event.order for event in self._maybe_late if event in self._not_made]
 
     def end(self) -> Divergence | None:
         """Compares the changes of the world model. Returns a divergence; None without one."""

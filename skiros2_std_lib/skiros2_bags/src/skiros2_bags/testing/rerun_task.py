@@ -6,6 +6,7 @@ import copy
 import importlib
 import inspect
 import logging
+import math
 from collections.abc import Callable, Collection, Iterator
 from typing import Any
 
@@ -64,6 +65,8 @@ class RerunManager:
         self.signals = LocalSignals()
         #: The task that is currently ticked.
         self.ticked: Any = None
+        #: When a played primitive has ended last (s, recording time).
+        self.played_ended_at = -math.inf
         self._replaced_labels = replaced_labels
         self._declared = declared
 
@@ -182,6 +185,7 @@ def replay_primitive(cls: type, manager: Any) -> type:
         if recorded.code == PREEMPTED and manager.ticked.is_preempting:
             return State.Running
         if recorded.state != RUNNING:
+            manager.played_ended_at = manager.ticked.progress.time
             for change in manager.ticked.take_due_changes():
                 manager.wmi.transact(change_operations(change, manager.wmi.model.scene()))
         self._setProgress(recorded.message, recorded.code)

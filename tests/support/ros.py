@@ -423,7 +423,7 @@ class SharedSystem:
                 self._wmi.remove_element(eid)
         for eid, before in self._scene.items():
             if _properties(now[eid]) != _properties(before):
-                self._wmi.update_element_properties(before)
+                self._restore_properties(now[eid], _properties(before))
             for subj, pred, obj in _relations(now[eid]) - _relations(before):
                 if obj in self._scene:
                     self._wmi.set_relation(subj, pred, obj, False)
@@ -437,6 +437,14 @@ class SharedSystem:
         if self._wmi is not None:
             self._wmi.remote.unfollow()
             self._wmi = None
+
+    def _restore_properties(self, element: Any, before: dict[str, list[Any]]) -> None:
+        """Writes the properties as they were; of an element that was read, only changes are written."""
+        for key in _properties(element).keys() - before.keys():
+            element.removeProperty(key)
+        for key, values in before.items():
+            element.setProperty(key, values)
+        self._wmi.update_element_properties(element)
 
     def _elements(self) -> dict[str, Any]:
         self._wmi.catch_up()

@@ -231,7 +231,7 @@ def test_person_reads_and_approves_the_plan_that_then_runs(page: Any, cell: JobC
     order = {**cell.order("asked", 2), "reason": "the store runs out of it"}
     execution = _tool(cell, "execute", order)
     page.click("#approvals")
-    asked = page.locator(".approval")
+    asked = page.get_by_label("Waiting approvals").locator(".approval")
     for text in ("carry_at_once", "the store runs out of it", ROBOT[1:], "agent", "Expected changes", "+ "):
         expect(asked).to_contain_text(text)
     page.click("[data-action=approve]")
@@ -263,11 +263,11 @@ def test_viewer_reads_and_does_not_answer_and_a_rejected_plan_does_not_run(page:
     _log_in(page, TOKENS["view"])
     execution = _tool(cell, "execute", {**cell.order("rejected", 1, 1), "reason": "<b>bold</b>"})
     page.click("#approvals")
-    playwright.expect(page.locator(".approval")).to_contain_text("<b>bold</b>")
+    playwright.expect(page.get_by_label("Waiting approvals").locator(".approval")).to_contain_text("<b>bold</b>")
     playwright.expect(page.locator("[data-action=approve]")).to_be_hidden()
     (approval,) = cell.rest.get("/api/approvals")["approvals"]
     assert cell.rest.post(f"/api/approvals/{approval['id']}/reject", {}, "approve")[0] == 200
-    playwright.expect(page.locator(".approval")).to_have_count(0)
+    playwright.expect(page.get_by_label("Waiting approvals").locator(".approval")).to_have_count(0)
     assert "approve has rejected it" in execution.result(60.0)["detail"]
     assert "rejected" not in cell.jobs()
 

@@ -18,6 +18,7 @@ class Forwarder:
     def __init__(self, target: int) -> None:
         self.target = target
         self._listener = socket.create_server(("127.0.0.1", 0))
+        self._listener.settimeout(None)  # rospy sets a default of a minute
         self.port: int = self._listener.getsockname()[1]
         threading.Thread(target=self._accept, name="forwarder", daemon=True).start()
 
@@ -36,6 +37,7 @@ class Forwarder:
             except OSError:  # the server is away
                 client.close()
                 continue
+            server.settimeout(None)
             for source, sink in ((client, server), (server, client)):
                 threading.Thread(target=_copy, args=(source, sink), daemon=True).start()
 
@@ -43,7 +45,9 @@ class Forwarder:
 def _connections(listener: socket.socket) -> Iterator[socket.socket]:
     with contextlib.suppress(OSError):
         while True:
-            yield listener.accept()[0]
+            client, _ = listener.accept()
+            client.settimeout(None)
+            yield client
 
 
 def _copy(source: socket.socket, sink: socket.socket) -> None:

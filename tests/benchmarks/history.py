@@ -19,6 +19,8 @@ from benchmarks.measurement import Measurement
 
 #: A ratio that has changed by more than this factor since it was first kept has a line with its name.
 CHANGED = 1.1
+#: Between two names in the picture, as a factor.
+_LABEL_GAP = 1.025
 
 _PAGE = """# Speed over commits
 
@@ -108,6 +110,7 @@ def draw(history: Sequence[Kept], target: Path) -> None:
 
     figure, axes = plt.subplots(figsize=(10, 6), layout="constrained")
     axes.axhline(1.0, color="0.6", linewidth=0.8)
+    labels = []
     for name in dict.fromkeys(name for kept in history for name in kept.figures):
         points = [(i, kept.figures[name].ratio) for i, kept in enumerate(history) if name in kept.figures]
         first = points[0][1]
@@ -117,8 +120,14 @@ def draw(history: Sequence[Kept], target: Path) -> None:
             places, values, marker="o", markersize=3, color=None if has_changed else "0.8", zorder=2 + has_changed
         )
         if has_changed:
-            axes.annotate(name, (places[-1], values[-1]), xytext=(6, 0), textcoords="offset points", fontsize=7)
+            labels.append((values[-1], places[-1], name))
+    height = 0.0
+    for value, place, name in sorted(labels):
+        height = max(value, height * _LABEL_GAP)
+        axes.annotate(name, (place, height), xytext=(6, 0), textcoords="offset points", fontsize=7, va="center")
     axes.set_yscale("log")
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("{x:.1g}")
     axes.set_xticks(range(len(history)), [kept.commit for kept in history], rotation=45, ha="right")
     axes.set_xlim(-0.2, len(history) - 1 + max(0.6, 0.6 * len(history)))  # the names stand on the right
     axes.set_ylabel("ratio to the peer, divided by the first")

@@ -7,6 +7,7 @@ Kinds of figures: `seconds` by state, `tasks` by outcome (succeeded, failed); an
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import weakref
 from collections import Counter, defaultdict
@@ -23,7 +24,7 @@ from skiros2_runs.core.task_run import Recorded, TaskRun
 
 log = logging.getLogger(__name__)
 
-#: How often figures are written (s); a kill of the gateway loses those of this time.
+#: How often figures are written (s), and when a task ends; a kill of the gateway loses the states of this time.
 PERIOD = 1.0
 _HOUR = 3600.0  # s
 
@@ -35,6 +36,7 @@ class Figures:
         self._store = store
         self._document = document
         self._ended: defaultdict[FigureKey, float] = defaultdict(float)
+        self._has_ended = asyncio.Event()
         self._counted: weakref.WeakSet[TaskRun] = weakref.WeakSet()
         self._written: dict[str, Totals] = totals_of(store.figures())
         document.subscribe(Recorded, lambda recorded: self._count([recorded.run]))
@@ -55,10 +57,12 @@ class Figures:
         self._ended.clear()
 
     async def keep(self) -> None:
-        """Writes each `PERIOD` and at the end, until it is cancelled."""
+        """Writes each `PERIOD`, after the end of a task and at the end, until it is cancelled."""
         try:
             while True:
-                await asyncio.sleep(PERIOD)
+                with contextlib.suppress(asyncio.TimeoutError):
+                    await asyncio.wait_for(self._has_ended.wait(), PERIOD)
+                self._has_ended.clear()
                 self._try_write()
         finally:
             self._try_write()
@@ -74,6 +78,7 @@ class Figures:
             if not run.is_finished or run.robot == GOALS or run in self._counted:
                 continue
             self._counted.add(run)
+            self._has_ended.set()
             skill = run.nodes[1 if len(run.nodes) > 1 else 0].label
             self._ended[FigureKey(run.robot, "runs", skill)] += 1
             self._ended[FigureKey(run.robot, "run_seconds", skill)] += run.latest.time - run.start

@@ -228,7 +228,9 @@ def measure(ros: Ros, folder: Path) -> Iterator[Measurement]:
 
     yield beside_the_peer("from a command to the first `execute`", lambda: _start(manager), 5.0)
     many = manager.start("BenchMany", Number=100)
-    yield beside_the_peer("likewise, while another task of 100 nodes runs", lambda: _start(manager), 5.0)
+    yield beside_the_peer(
+        "from a command to the first `execute`, while another task of 100 nodes runs", lambda: _start(manager), 5.0
+    )
     manager.preempt(many)
     yield beside_the_peer("from a command to the end of one of five tasks", lambda: _preempt(manager), 50.0)
     yield _unaffected(manager)

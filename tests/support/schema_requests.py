@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import asyncio
-import threading
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import requests
 import schemathesis
+from anyio.from_thread import start_blocking_portal
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 from hypothesis.errors import Unsatisfiable
@@ -45,12 +44,9 @@ _CHECKS = [
 @contextmanager
 def served_gateway(folder: Path) -> Iterator[str]:
     """Serves all routes in a thread with a loop of its own; yields the address."""
-    addresses: list[str] = []
-    started, ended = threading.Event(), asyncio.Event()
-    loops: list[asyncio.AbstractEventLoop] = []
 
-    async def serve() -> None:
-        loops.append(asyncio.get_running_loop())
+    @asynccontextmanager
+    async def serve() -> AsyncIterator[str]:
         gateway = Gateway(folder / "jobs.sqlite", capacity=10, rate=1e9)
         await gateway.put("a")
         gateway.cell.run("a")
@@ -65,18 +61,10 @@ def served_gateway(folder: Path) -> Iterator[str]:
             agents.router(),
         ]
         async with served(gateway.service, routers=routers) as address:
-            addresses.append(address)
-            started.set()
-            await ended.wait()
+            yield address
 
-    thread = threading.Thread(target=asyncio.run, args=(serve(),))
-    thread.start()
-    try:
-        started.wait(30.0)
-        yield addresses[0]
-    finally:
-        loops[0].call_soon_threadsafe(ended.set)
-        thread.join()
+    with start_blocking_portal() as portal, portal.wrap_async_context_manager(serve()) as address:
+        yield address
 
 
 def operations_of(address: str) -> list[Any]:

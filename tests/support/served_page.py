@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import Any
+
+from anyio.from_thread import start_blocking_portal
 
 from skiros2_gateway.agents.server import AgentServer
 from skiros2_gateway.core.access import AGENTS, Caller, Role
@@ -72,12 +73,9 @@ def served_page(folder: Path, page: Path) -> Iterator[str]:
 
     :param page: the folder of the bundle.
     """
-    addresses: list[str] = []
-    loops: list[asyncio.AbstractEventLoop] = []
-    started, ended = threading.Event(), asyncio.Event()
 
-    async def serve() -> None:
-        loops.append(asyncio.get_running_loop())
+    @asynccontextmanager
+    async def serve() -> AsyncIterator[str]:
         gateway = Gateway(folder / "jobs.sqlite", capacity=1, rate=1e9)
         gateway.service.approvals = Approvals(gateway.events, is_needed=True, timeout=300.0)
         await fill(gateway)
@@ -93,17 +91,9 @@ def served_page(folder: Path, page: Path) -> Iterator[str]:
         routers = [live_router(view, _Cell(), Bags(None)), alarms_router(view), figures_router(figures.write)]
         routers += [agents, page_router(page)]
         async with served(gateway.service, routers=routers) as address:
-            addresses.append(address)
-            started.set()
-            await ended.wait()
+            yield address
         for task in tasks:
             task.cancel()
 
-    thread = threading.Thread(target=asyncio.run, args=(serve(),))
-    thread.start()
-    try:
-        started.wait(30.0)
-        yield addresses[0]
-    finally:
-        loops[0].call_soon_threadsafe(ended.set)
-        thread.join()
+    with start_blocking_portal() as portal, portal.wrap_async_context_manager(serve()) as address:
+        yield address

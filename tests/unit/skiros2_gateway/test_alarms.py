@@ -29,7 +29,7 @@ async def followed(gateway: Any) -> Any:
 
 
 async def kinds(view: LiveView, count: int) -> dict[str, str]:
-    """Returns the kinds of alarms by their sources, once there are so many."""
+    """Returns the kinds of alarms by their sources, once there are `count`."""
     while len(view.alarms) != count:
         await asyncio.sleep(0.01)
     return {alarm["source"]: alarm["kind"] for alarm in view.alarms.values()}

@@ -224,7 +224,7 @@ class LiveView:
         self._apply({table: patch} if patch else {})
 
     def put_job(self, job: Mapping[str, Any]) -> None:
-        """Updates a job. Of jobs that wait, the document has so many only: what it costs does not grow with them."""
+        """Updates a job. The document has a limited number of waiting jobs: its cost does not grow with the queue."""
         job_id, is_cleared = str(job["id"]), bool(job["cleared"])
         is_waiting = not is_cleared and job["state"] in BEFORE
         if is_waiting and job_id not in self._waiting and len(self._waiting) >= _MAX_WAITING:

@@ -205,6 +205,12 @@ def test_agent_runs_a_skill_and_proposes_what_a_failed_job_lacks(cell: JobCell) 
     assert cell.wait_for(["lacking.2"])["lacking.2"]["response"]["outcome"] == "succeeded"
 
 
+def test_second_gateway_does_not_start_the_jobs_of_the_first(cell: JobCell) -> None:
+    second = cell.start_gateway("second")
+    assert second.wait() == 78
+    assert f"{cell.folder}/jobs.sqlite: another process is using it" in second.output
+
+
 def test_certificate_encrypts_rest_and_opcua(cell: JobCell) -> None:
     folder = cell.folder / "secured"
     folder.mkdir()

@@ -101,7 +101,7 @@ def test_second_node_on_the_same_journal_ends_with_a_message(ros: Ros, start: Ca
     journal = next(ros.master.home.glob("skiros2/localhost_*/wm.journal"))
     other = ros.run("skiros2_world_model", "world_model_server_node", name="other", params={"journal": str(journal)})
     assert other.wait() == 78
-    assert f"journal {journal}: another world model is using it" in other.output
+    assert f"{journal}: another process is using it" in other.output
 
 
 @pytest.mark.parametrize(

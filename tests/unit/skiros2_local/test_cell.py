@@ -13,7 +13,6 @@ from typing import NamedTuple
 import pytest
 
 from skiros2_local import command
-from skiros2_world_model.core import journal_file
 from support.programs import Program
 
 BOLT, SHELF = "skiros:Product-5", "my_skills:Shelf-3"
@@ -248,7 +247,7 @@ def test_interrupted_task_is_preempted_and_explained_later(driving: Program, run
 def test_others_read_the_cell_while_a_command_uses_it(
     driving: Program, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(journal_file, "_LOCK_TIMEOUT", 0.1)
+    monkeypatch.setattr("skiros2_common.core.file_lock._TIMEOUT", 0.1)
     assert run("view").status == 0
     assert run("plan", INSPECTED).status == 0
     refused = run("set", BOLT, "skiros:Weight", "0.2")

@@ -228,9 +228,9 @@ def test_without_a_journal_numbers_increase_over_restarts(lives: Lives) -> None:
 
 
 def test_a_journal_in_use_is_refused(lives: Lives, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skiros2_world_model.core.journal_file._LOCK_TIMEOUT", 0.1)
+    monkeypatch.setattr("skiros2_common.core.file_lock._TIMEOUT", 0.1)
     lives.start()
-    with pytest.raises(ConfigurationError, match=f"{lives.path}: another world model is using it"):
+    with pytest.raises(ConfigurationError, match=f"{lives.path}: another process is using it"):
         Journal(lives.path)
 
 

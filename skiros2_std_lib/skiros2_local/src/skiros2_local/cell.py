@@ -12,6 +12,7 @@ from pathlib import Path
 
 from skiros2_common.command_line.command import Unavailable, UsageError, user
 from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_common.core.file_lock import FileInUse
 from skiros2_common.core.world_element import Element
 from skiros2_common.tools.libraries import find_libraries, libraries_beside
 from skiros2_local.manager import LocalGoalClient, LocalManager
@@ -19,7 +20,6 @@ from skiros2_local.system import LocalRobot, LocalSystem
 from skiros2_skill.command_line.local_world_model import ontology_folders
 from skiros2_skill.core.runtime.history import Record
 from skiros2_world_model.core.journal import Journal, is_recoverable
-from skiros2_world_model.core.journal_file import JournalInUse
 from skiros2_world_model.core.knowledge_base import is_knowledge_file
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 
@@ -120,7 +120,7 @@ class Cell:
         if not (reads and continues):
             try:
                 self._journal = Journal(file, origin)
-            except JournalInUse:
+            except FileInUse:
                 raise Unavailable(f"another command uses the cell of {scene}; wait for its end") from None
         recorded = file if continues else None
         self.system = LocalSystem(scene, ontologies=ontologies, journal=self._journal, recorded=recorded)

@@ -6,28 +6,24 @@ started, are known after a power failure.
 
 from __future__ import annotations
 
-import fcntl
 import json
 import logging
 import sqlite3
 import threading
-import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError, WrongValue
+from skiros2_common.core.file_lock import own_file
 
 log = logging.getLogger(__name__)
 
 #: The number of ended goals whose results are kept.
 ENDED_GOALS = 1000
-
-#: How long a process waits for a killed one, whose end may take a moment (s).
-_LOCK_TIMEOUT = 5.0
 
 _VERSION = 1
 
@@ -136,7 +132,7 @@ class GoalStore:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.touch(0o600)
-            self._lock = _locked(path)
+            self._lock = own_file(path)
             self._db = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
             self._db.execute("PRAGMA journal_mode = WAL")
             self._db.execute("PRAGMA synchronous = FULL")
@@ -275,21 +271,3 @@ class GoalStore:
             finally:
                 if db.in_transaction:
                     db.execute("ROLLBACK")
-
-
-def _locked(path: Path) -> IO[bytes]:
-    """Locks a file beside the store as long as the process lives.
-
-    :raises ConfigurationError: another process has locked it.
-    """
-    lock = open(f"{path}.lock", "wb")  # noqa: SIM115 - stays open
-    deadline = time.monotonic() + _LOCK_TIMEOUT
-    while True:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return lock
-        except BlockingIOError:
-            if time.monotonic() > deadline:
-                lock.close()
-                raise ConfigurationError(f"{path} is used by another task manager") from None
-            time.sleep(0.05)

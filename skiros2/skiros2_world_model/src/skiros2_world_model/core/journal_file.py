@@ -6,7 +6,6 @@ Each table holds the current state. Its counterpart `past_...` holds rows that w
 
 from __future__ import annotations
 
-import fcntl
 import logging
 import os
 import sqlite3
@@ -15,16 +14,12 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from skiros2_common.core.errors import ConfigurationError, Refused
+from skiros2_common.core.file_lock import own_file
 
 log = logging.getLogger(__name__)
-
-
-class JournalInUse(ConfigurationError):
-    """Another process writes the journal."""
-
 
 _SCHEMA = """
 CREATE TABLE meta (key TEXT PRIMARY KEY, value);
@@ -62,8 +57,6 @@ _VERSION = 1
 _PAGE_SIZE = 2048
 #: The size to which the write-ahead log is truncated after a checkpoint (bytes).
 LOG_LIMIT = 1 << 26
-#: How long a server waits for a previous server to exit (s).
-_LOCK_TIMEOUT = 5.0
 
 
 class JournalFile:
@@ -82,7 +75,7 @@ class JournalFile:
         self._full_sync = full_sync
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._lock = _lock(path)
+            self._lock = own_file(path)
         except OSError as error:
             raise ConfigurationError(f"journal {path}: {error.strerror or error}") from None
         try:
@@ -185,21 +178,6 @@ def read_meta(db: sqlite3.Connection, key: str) -> Any:
     """The value of a key of the table `meta`; None when there is none."""
     found = db.execute("SELECT value FROM meta WHERE key=?", (key,)).fetchone()
     return found[0] if found is not None else None
-
-
-def _lock(path: Path) -> IO[bytes]:
-    """Locks a file beside the journal for the lifetime of the process; SQLite's locks only separate transactions."""
-    lock = open(f"{path}.lock", "wb")  # noqa: SIM115 - stays open
-    deadline = time.monotonic() + _LOCK_TIMEOUT
-    while True:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return lock
-        except BlockingIOError:
-            if time.monotonic() > deadline:
-                lock.close()
-                raise JournalInUse(f"journal {path}: another world model is using it") from None
-            time.sleep(0.05)
 
 
 # -- retention ------------------------------------------------------------------------------------------------------

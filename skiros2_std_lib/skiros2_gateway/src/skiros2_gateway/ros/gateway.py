@@ -18,6 +18,7 @@ from fastapi import APIRouter
 from pydantic import ValidationError
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.core.file_lock import own_file
 from skiros2_gateway.core.access import Access
 from skiros2_gateway.core.approvals import Approvals
 from skiros2_gateway.core.bags import Bags
@@ -83,6 +84,7 @@ async def _serve(settings: Settings) -> None:
     folder = settings.make_folder()
     masters = WorkMasters(read_work_masters(Path(settings.work_masters).expanduser()) if settings.work_masters else ())
     users = UsersFile(settings.users_file)
+    lock = own_file(folder / "jobs.sqlite")  # two gateways would both start its jobs
     store = JobStore(folder / "jobs.sqlite")
     events = EventStream()
     control = JobControl(store, masters, events)
@@ -95,6 +97,7 @@ async def _serve(settings: Settings) -> None:
     figures = Figures(store, cell.document)
     async with contextlib.AsyncExitStack() as stack:
         stack.callback(is_down.set)
+        stack.callback(lock.close)
         stack.callback(store.close)
         stack.callback(service.access.close)
         stack.callback(cell.close)

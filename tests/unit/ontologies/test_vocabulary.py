@@ -65,6 +65,7 @@ OURS = {
     "skiros:WorkMaster",
     "skiros:WorkMasterDefinition",
     "skiros:ParameterSet",
+    "skiros:Feature",
     "skiros:ParamDataType",
     "skiros:Prior",
     "skiros:Mean",

@@ -11,10 +11,12 @@ from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_learning.core.evaluation import Evaluation, Repetition
-from skiros2_learning.core.parameter_sets import apply_result, remove_set
-from skiros2_learning.core.scenario import load_scenario
-from skiros2_learning.core.validation import Sample
+from skiros2_learning.core.parameter_sets import apply_policy, apply_result, remove_set
+from skiros2_learning.core.policy_table import PolicyTable, ValidatedPolicy
+from skiros2_learning.core.scenario import Scenario, load_scenario, parse_scenario
+from skiros2_learning.core.validation import Sample, Validation
 from skiros2_skill.core.skill import SkillBase
+from skiros2_skill.core.tree.skill_node import SkillWrapper
 from skiros2_skill.testing import SkillBench
 
 SCENARIOS = Path(__file__).parents[3] / "skiros2_std_lib/demos/learning/scenarios"
@@ -65,6 +67,69 @@ def test_a_set_has_its_validation_as_properties(bench: SkillBench) -> None:
     (other,) = apply_result(bench.wmi, PUSH, 6, RESULT, "2026-01-01T12:00:00")
     assert other.value_of("skiros:Validated") is False
     assert not other.hasProperty("skiros:Executions")
+
+
+def pushes(bench: SkillBench, **values: float) -> SkillWrapper:
+    """Starts a push. Returns its node."""
+    task = bench.command("Push", Object=bench.element("Block"), Goal=bench.element("Goal"), **values)
+    task.tick()
+    return task.skill
+
+
+def place_goal(bench: SkillBench, x: float) -> None:
+    goal = bench.element("Goal")
+    goal.setProperty("skiros:PositionX", x)
+    bench.wmi.update_element_properties(goal)
+
+
+def policy(scenario: Scenario = PUSH) -> ValidatedPolicy:
+    """Three rows over the position of the goal."""
+    sample = Sample(None, {}, 99, tuple(Repetition({"goal": 0.9, "force": 30.0}, {}, {}, True, "", 5.0)
+                                        for _ in range(30)), "the policy")  # fmt: skip
+    rows = ({"goal_x": x} for x in (0.5, 0.58, 0.66))
+    values = ({**VALUES, "Push.StartX": x} for x in (-0.01, 0.0, 0.01))
+    return ValidatedPolicy(PolicyTable("the policy", tuple(rows), tuple(values)), Validation(90, (), sample, None, ""))
+
+
+def test_a_start_takes_the_values_of_a_policy_for_the_present_world(bench: SkillBench) -> None:
+    (added,) = apply_policy(bench.wmi, PUSH, policy(), "2026-01-01")
+    assert (added.value_of("skiros:Successes"), added.value_of("skiros:Executions")) == (30, 30)
+    for x, start in ((0.5, -0.01), (0.55, 0.0), (0.65, 0.01)):
+        place_goal(bench, x)
+        node = pushes(bench)
+        assert (node.params["StartX"].value, node.params["GoalY"].value) == (start, -0.05)
+        assert "warning" not in node.progress_msg
+    assert pushes(bench, StartX=0.04).params["StartX"].value == 0.04
+    remove_set(bench.wmi, added.id)
+    assert not bench.wmi.resolve_elements(Element("skiros:Feature"))
+    with pytest.raises(WrongValue, match="required parameter 'StartX'"):
+        pushes(bench)
+
+
+def test_a_request_outside_of_the_validated_range_is_warned_of(
+    bench: SkillBench, caplog: pytest.LogCaptureFixture
+) -> None:
+    apply_policy(bench.wmi, PUSH, policy(), "2026-01-01")
+    place_goal(bench, 0.7)
+    text = "Goal.skiros:PositionX is 0.7, outside of the validated range 0.5 to 0.66"
+    node = pushes(bench)
+    assert text in node.progress_msg
+    assert text in caplog.text
+    assert node.params["StartX"].value == 0.01
+
+
+def test_a_policy_of_features_that_a_start_cannot_read_is_refused(bench: SkillBench) -> None:
+    text = PUSH.source.replace("element: Goal", "element: Arm")
+    scenario = parse_scenario(text, SCENARIOS)
+    with pytest.raises(Refused, match="feature goal_x is of 'Arm', which is no parameter of Push"):
+        apply_policy(bench.wmi, scenario, policy(), "2026-01-01")
+
+
+def test_an_older_set_counts_if_the_elements_have_no_such_feature(bench: SkillBench) -> None:
+    apply_result(bench.wmi, PUSH, 5, RESULT, "2026-01-01")
+    text = PUSH.source.replace("skiros:PositionX", "skiros:MeanColour")
+    apply_policy(bench.wmi, parse_scenario(text, SCENARIOS), policy(), "2026-01-01")
+    assert pushes(bench).params["StartX"].value == VALUES["Push.StartX"]
 
 
 def test_given_values_and_newer_sets_come_first(bench: SkillBench) -> None:

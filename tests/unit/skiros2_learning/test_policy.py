@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
 
 from skiros2_common.core.errors import ConfigurationError, Refused, WrongValue
 from skiros2_learning.command_line.program import main
-from skiros2_learning.core.evaluation import evaluate
+from skiros2_learning.core.evaluation import Outcome, evaluate
 from skiros2_learning.core.policy import Policy, learn_variations, sampled_variations, variation_studies
+from skiros2_learning.core.policy_table import applicable_policy, stored_policy, validate_policy
 from skiros2_learning.core.scenario import Scenario, ScenarioError, load_scenario, parse_scenario
 from skiros2_learning.core.study import LearningStudy
+from skiros2_learning.core.validation import Execute, repeat_here
 from skiros2_learning.local.episode import Episode, check_scenario
 from skiros2_skill.testing import FakeClock
 from support.learning_scenarios import scenario_text
@@ -56,6 +60,42 @@ def test_parameters_of_an_unseen_variation_are_predicted_with_an_uncertainty(fol
     assert float(found.configuration["x"]) == pytest.approx(x, abs=0.06)
     assert float(found.configuration["y"]) == pytest.approx(y, abs=0.06)
     assert 0.0 < found.deviation < 1.0
+
+
+def test_a_policy_is_validated_on_variations_that_no_study_has_seen(folder: Path) -> None:
+    seen = []
+
+    def repeat(scenario: Scenario, jobs: Sequence[Execute]) -> Iterator[Outcome]:
+        seen.extend(job.variation["f"] for job in jobs if job.variation)
+        return repeat_here()(scenario, jobs)
+
+    studies = variation_studies(folder)
+    found = validate_policy(studies, repeat)
+    plan = found.validation.learned
+    assert not {study.scenario.variation["f"] for study in studies} & set(seen)
+    assert (plan.count, len(set(seen))) == (30, 40)
+    assert [each.count for each in found.validation.candidates] == [10, 10, 10]
+    regression, _, constant = found.validation.candidates
+    assert plan.name == "the policy by regression"
+    assert plan.success.low > 0.8
+    assert constant.good < 5 < regression.good
+    assert found.validation.defaults is None
+
+
+def test_defaults_that_are_as_good_keep_a_policy_from_being_applied(tmp_path: Path) -> None:
+    text = TEXT.replace("moving_bowl", "parabola").replace("  y: {type: real, range: [0, 1]}\n", "")
+    plan = parse_scenario(text + "settings: {defaults: {x: 0.3}}\n", Path())
+    studies = learn_variations(plan, tmp_path, 2, run)
+    found = validate_policy(studies, repeat_here())
+    assert found.validation.defaults is not None
+    assert found.validation.defaults.good == 30
+    with pytest.raises(Refused, match=r"no validated policy; run: learn validate"):
+        applicable_policy(tmp_path)
+    found.save(tmp_path)
+    assert stored_policy(tmp_path) == found
+    with pytest.raises(Refused, match="is not better with confidence than the defaults of the skill"):
+        applicable_policy(tmp_path)
+    assert applicable_policy(tmp_path, unvalidated=True) == found
 
 
 def test_a_prediction_is_the_same_each_time(folder: Path) -> None:
@@ -113,7 +153,13 @@ def test_the_command_line_learns_variations_and_predicts_and_checks_another_one(
     folder = str(tmp_path / "policy")
     command = ["variations", str(tmp_path / "bowl.yaml"), "--study", folder, "--count", "2", "--workers", "1"]
     assert main(command) == 0, capsys.readouterr().err
-    assert "predict others with: learn predict" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "predict others with: learn predict" in printed
+    assert "policy for f 0 to 1, chosen from: the policy by regression (" in printed
+    assert main(["validate", folder, "--workers", "1"]) == 0
+    assert re.search(r"success \d+ of 30, 95 % interval", capsys.readouterr().out)
+    assert main(["status", folder]) == 0
+    assert re.search(r"f=\S+: success .*success \d+ of 30, 95 % interval", capsys.readouterr().out, re.DOTALL)
     assert main(["predict", folder, "f=0.5", "--check", "3", "--json"]) in (0, 1)  # two variations may be too few
     data = json.loads(capsys.readouterr().out)
     assert data["checked"]["configuration"] == data["configuration"]

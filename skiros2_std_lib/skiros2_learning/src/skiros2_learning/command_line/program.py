@@ -15,12 +15,19 @@ from skiros2_common.command_line.command import CommandResult, Parser, command_a
 from skiros2_common.core.errors import ConfigurationError, Refused, WrongValue
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_common.tools.libraries import find_libraries
-from skiros2_learning.command_line.running import cost_text, run_study, validate_study
+from skiros2_learning.command_line.running import (
+    cost_text,
+    policy_lines,
+    run_study,
+    validate_study,
+    validate_variations,
+)
 from skiros2_learning.core.earlier_studies import with_earlier
 from skiros2_learning.core.evaluation import check_execution, evaluate, seed_of
 from skiros2_learning.core.hypermapper import import_hypermapper
-from skiros2_learning.core.parameter_sets import apply_result, remove_set
-from skiros2_learning.core.policy import Policy, learn_variations, variation_studies
+from skiros2_learning.core.parameter_sets import apply_policy, apply_result, remove_set
+from skiros2_learning.core.policy import Policy, has_variations, learn_variations, variation_studies
+from skiros2_learning.core.policy_table import applicable_policy, stored_policy
 from skiros2_learning.core.report import describe, format_value, status_lines, write_report
 from skiros2_learning.core.scenario import OPTIMISERS, Scenario, load_scenario, plugins_of
 from skiros2_learning.core.storage import public_name
@@ -54,11 +61,19 @@ def _resume(options: argparse.Namespace) -> CommandResult:
 
 
 def _validate(options: argparse.Namespace) -> CommandResult:
+    if has_variations(options.study):
+        return validate_variations(options.study, options.workers)
     study = LearningStudy.open(options.study, options.storage)
     return validate_study(study, options.workers, options.yes)
 
 
 def _status(options: argparse.Namespace) -> CommandResult:
+    if has_variations(options.study):
+        studies, policy = variation_studies(options.study), stored_policy(options.study)
+        lines = _variation_lines(studies)
+        hint = f"the policy is not validated; run: learn validate {options.study}"
+        lines += [hint] if policy is None else policy_lines(studies[0].scenario, policy)
+        return CommandResult(lines, {"validation": None if policy is None else policy.validation.to_json()})
     study = LearningStudy.open(options.study, options.storage)
     results = {str(number): result.to_json() for number, result in study.results().items()}
     validation = stored_validation(study)
@@ -96,12 +111,19 @@ def _variations(options: argparse.Namespace) -> CommandResult:
 
     def run(study: LearningStudy) -> None:
         sys.stdout.write(f"variation {_values_text(study.scenario.variation)}\n")
-        run_study(study, options.workers, validated=False)  # `predict` checks what it predicts
+        run_study(study, options.workers, validated=False)  # the policy is
 
     studies = learn_variations(scenario, folder, options.count, run)
-    best = {_values_text(each.scenario.variation): each.result(each.ranked()[0]) for each in studies if each.ranked()}
-    lines = [f"{variation}: {describe(result)}" for variation, result in best.items()]
-    return CommandResult([*lines, f"predict others with: learn predict {folder} FEATURE=VALUE ..."])
+    lines = _variation_lines(studies)
+    lines.append(f"predict others with: learn predict {folder} FEATURE=VALUE ...")
+    if not options.no_validation and not scenario.is_real:
+        lines += validate_variations(folder, options.workers).lines
+    return CommandResult(lines)
+
+
+def _variation_lines(studies: Sequence[LearningStudy]) -> list[str]:
+    best = [(each.scenario.variation, each.result(each.ranked()[0])) for each in studies if each.ranked()]
+    return [f"{_values_text(variation)}: {describe(result)}" for variation, result in best]
 
 
 def _predict(options: argparse.Namespace) -> CommandResult:
@@ -163,6 +185,8 @@ def _world(options: argparse.Namespace) -> Iterator[WorldModelPort]:
 
 
 def _apply(options: argparse.Namespace) -> CommandResult:
+    if has_variations(options.study):
+        return _apply_policy(options)
     study = LearningStudy.open(options.study, options.storage)
     number, result, validated = applicable(study, options.number, options.unvalidated)
     date = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
@@ -173,6 +197,16 @@ def _apply(options: argparse.Namespace) -> CommandResult:
     if validated is not None:
         text = f"evaluation {number}: {sample_text(study.scenario.objectives, validated)}"
     lines = [f"{each.id}: {text}" for each in added]
+    return CommandResult([*lines, "revert it with: learn remove ID"], [each.id for each in added])
+
+
+def _apply_policy(options: argparse.Namespace) -> CommandResult:
+    policy = applicable_policy(options.study, options.unvalidated)
+    scenario = variation_studies(options.study)[0].scenario
+    date = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
+    with _world(options) as wm:
+        added = apply_policy(wm, scenario, policy, date, str(options.study.resolve()))
+    lines = [f"{each.id}: {sample_text(scenario.objectives, policy.validation.learned)}" for each in added]
     return CommandResult([*lines, "revert it with: learn remove ID"], [each.id for each in added])
 
 
@@ -295,11 +329,12 @@ def _parser(cell: Cell | None) -> argparse.ArgumentParser:
     command.add_argument("--scene", type=Path, required=True, metavar="FILE", help="scene file")
     command.add_argument("--libraries", required=True, metavar="A,B", help="Python packages with the skills")
     command.add_argument("-o", "--output", type=Path, metavar="FILE", help="write it to a file")
-    command = add("variations", "Learns sampled variations of a task, for `learn predict`.")
+    command = add("variations", "Learns sampled variations of a task, and validates a policy for all.")
     command.add_argument("scenario", type=Path, metavar="SCENARIO", help="scenario file with `variations`")
     command.add_argument("--study", type=Path, metavar="FOLDER", help="default: build/learning/NAME_variations")
     command.add_argument("--count", type=_count, default=8, metavar="N", help="variations (default: %(default)s)")
     add_search(command)
+    add_validation(command)
     command = add("predict", "Predicts the parameters of a variation that was not learned.")
     command.add_argument("study", type=Path, metavar="FOLDER", help="folder of `learn variations`")
     command.add_argument("features", nargs="+", metavar="FEATURE=VALUE", help="the variation")

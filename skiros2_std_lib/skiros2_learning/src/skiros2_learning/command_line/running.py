@@ -5,9 +5,13 @@ from __future__ import annotations
 import sys
 import time
 from contextlib import ExitStack
+from pathlib import Path
 
 from skiros2_common.command_line.command import CommandResult
+from skiros2_common.core.errors import Refused
 from skiros2_learning.core.evaluation import Evaluation, Execution, Unavailable, repeat_once, seed_of
+from skiros2_learning.core.policy import variation_studies
+from skiros2_learning.core.policy_table import ValidatedPolicy, validate_policy
 from skiros2_learning.core.report import describe, status_lines, write_report
 from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.study import LearningStudy
@@ -85,6 +89,39 @@ def validate_study(study: LearningStudy, workers: int, confirmed: bool = False) 
         found = validate(study, repeat)
     report = write_report(study)
     return CommandResult([*validation_lines(study.scenario, found), f"report: {report}"], found.to_json())
+
+
+def validate_variations(folder: Path, workers: int) -> CommandResult:
+    """Validates the policy of learned variations, and stores it in their folder.
+
+    :raises Refused: there are too few results, or they are of a real robot, which does not change the task.
+    """
+    studies = variation_studies(folder)
+    scenario = studies[0].scenario
+    if scenario.is_real:
+        raise Refused("policies are validated in simulation only: a real robot does not change the task")
+    plan = scenario.validation
+    sys.stdout.write(
+        f"validating: {plan.choice} executions of each policy, then {plan.repetitions} of the chosen one and of the "
+        "defaults, each with another variation\n"
+    )
+    sys.stdout.flush()
+    with repeat_in_processes(scenario, workers) as repeat:
+        found = validate_policy(studies, repeat)
+    found.save(folder)
+    return CommandResult(
+        [*policy_lines(scenario, found), f"apply it with: learn apply {folder}"], found.validation.to_json()
+    )
+
+
+def policy_lines(scenario: Scenario, found: ValidatedPolicy) -> list[str]:
+    """Describes a validated policy for people."""
+    ranges = (f"{each.name} {each.range_text()}" for each in scenario.variations)
+    return [
+        f"policy for {', '.join(ranges)}, chosen from: "
+        + "; ".join(f"{each.name} ({each.good} of {each.count})" for each in found.validation.candidates),
+        *validation_lines(scenario, found.validation),
+    ]
 
 
 def cost_text(scenario: Scenario, workers: int) -> str:

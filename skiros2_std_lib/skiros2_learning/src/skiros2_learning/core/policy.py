@@ -81,6 +81,11 @@ def learn_variations(
     return studies
 
 
+def has_variations(folder: Path) -> bool:
+    """Whether a folder is one of `learn variations`."""
+    return any(folder.glob("variation_*"))
+
+
 def variation_studies(folder: Path) -> list[LearningStudy]:
     """Opens the studies of the variations in a folder.
 

@@ -133,7 +133,8 @@ def pareto_front(scenario: Scenario, results: dict[int, Evaluation], best: list[
     points = np.array([[r.objectives[one], r.objectives[two]] for r in results.values()])
     shown = axes.scatter(points[:, 0], points[:, 1], c=[r.success_rate for r in results.values()], vmin=0, vmax=1, s=18)
     front = np.array(sorted([results[number].objectives[one], results[number].objectives[two]] for number in best))
-    axes.step(front[:, 0], front[:, 1], where="post" if _same_sense(scenario) else "pre", color="tab:red", lw=1)
+    if best:  # else none is feasible
+        axes.step(front[:, 0], front[:, 1], where="post" if _same_sense(scenario) else "pre", color="tab:red", lw=1)
     for number in best:
         values = results[number].objectives
         axes.annotate(str(number), (values[one], values[two]), fontsize=8, textcoords="offset points", xytext=(3, 3))

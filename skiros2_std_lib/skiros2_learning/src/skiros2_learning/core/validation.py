@@ -48,11 +48,17 @@ DEFAULTS = "the defaults of the skill"
 
 @dataclass(frozen=True)
 class Execute:
-    """An execution to be made: configuration, seed, index of the repetition."""
+    """An execution to be made: configuration, seed, index of the repetition; values of the features, if they are not
+    those of the scenario."""
 
     configuration: dict[str, Value]
     seed: int
     index: int
+    variation: Mapping[str, float] | None = None
+
+    def scenario(self, scenario: Scenario) -> Scenario:
+        """Returns the scenario with the variation."""
+        return scenario if self.variation is None else replace(scenario, variation=self.variation)
 
 
 #: Makes executions. Yields their outcomes in the same order.
@@ -65,16 +71,20 @@ class Sample:
 
     :param number: of the evaluation of the search; None for the skill's defaults.
     :param outcomes: by index of the repetition. One that broke counts as failed.
+    :param title: names it, if it is not that of an evaluation or the defaults.
     """
 
     number: int | None
     configuration: dict[str, Value]
     seed: int
     outcomes: tuple[Outcome, ...]
+    title: str = ""
 
     @property
     def name(self) -> str:
         """Names the configuration for people."""
+        if self.title:
+            return self.title
         return DEFAULTS if self.number is None else f"evaluation {self.number}"
 
     @property
@@ -108,13 +118,14 @@ class Sample:
     def to_json(self) -> dict[str, Any]:
         """Plain data."""
         outcomes = [each if isinstance(each, str) else asdict(each) for each in self.outcomes]
-        return {"number": self.number, "configuration": self.configuration, "seed": self.seed, "outcomes": outcomes}
+        parts = {"number": self.number, "configuration": self.configuration, "seed": self.seed, "title": self.title}
+        return {**parts, "outcomes": outcomes}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Sample:
         """The inverse of `to_json`."""
         outcomes = tuple(each if isinstance(each, str) else Repetition(**each) for each in data["outcomes"])
-        return cls(data["number"], dict(data["configuration"]), data["seed"], outcomes)
+        return cls(data["number"], dict(data["configuration"]), data["seed"], outcomes, data.get("title", ""))
 
 
 @dataclass(frozen=True)
@@ -205,7 +216,7 @@ def validate(study: LearningStudy, repeat: Repeat) -> Validation:
     if defaults := find_defaults(scenario):
         compared.append(Sample(None, defaults, seed, ()))
     learned, *usual = executions.continued(compared, plan.repetitions)
-    advantage = _advantage(scenario.objectives, learned, usual[0]) if usual else ""
+    advantage = advantage_of(scenario.objectives, learned, usual[0]) if usual else ""
     found = Validation(len(results), tuple(candidates), learned, usual[0] if usual else None, advantage)
     study.set_attribute(_VALIDATION, found.to_json())
     executions.file.unlink(missing_ok=True)
@@ -254,7 +265,7 @@ def _raced(
         found |= zip(racing, executions.continued([found[number] for number in racing], done), strict=True)
         best = max(found[number].good for number in racing)
         racing = [number for number in racing if found[number].good + count - done >= best]
-    return min(racing, key=lambda number: _caution(objectives, found[number])), list(found.values())
+    return min(racing, key=lambda number: caution(objectives, found[number])), list(found.values())
 
 
 def _key(job: Execute) -> str:
@@ -303,7 +314,7 @@ def repeat_here(execution: Execution | None = None) -> Repeat:
 
     def repeat(scenario: Scenario, jobs: Sequence[Execute]) -> Iterator[Outcome]:
         for each in jobs:
-            yield repeat_once(scenario, each.configuration, each.seed, each.index, execution)
+            yield repeat_once(each.scenario(scenario), each.configuration, each.seed, each.index, execution)
 
     return repeat
 
@@ -337,7 +348,7 @@ def validation_lines(scenario: Scenario, found: Validation) -> list[str]:
     ]
 
 
-def _caution(objectives: Sequence[Objective], sample: Sample) -> tuple[float, ...]:
+def caution(objectives: Sequence[Objective], sample: Sample) -> tuple[float, ...]:
     """Returns the cost of a sample at the bad ends of its intervals: success first, then the objectives in order."""
     costs = [-sample.success.low]
     for objective in objectives:
@@ -346,7 +357,7 @@ def _caution(objectives: Sequence[Objective], sample: Sample) -> tuple[float, ..
     return tuple(cost if not math.isnan(cost) else math.inf for cost in costs)
 
 
-def _advantage(objectives: Sequence[Objective], learned: Sample, usual: Sample) -> str:
+def advantage_of(objectives: Sequence[Objective], learned: Sample, usual: Sample) -> str:
     """Returns the first of success and the objectives that differs with confidence, if the learned one is better in it.
 
     The tests share the error: each has a part of it (Bonferroni).

@@ -23,6 +23,10 @@ class Feature(Section):
     property: Text = ""
     unit: Text = ""
 
+    def range_text(self) -> str:
+        """The range for people: `0.5 to 0.66 m`."""
+        return f"{self.range[0]:g} to {self.range[1]:g}{f' {self.unit}' if self.unit else ''}"
+
     def value_of(self, unit: float) -> float:
         """Returns the value at a part of the range, 0 to 1."""
         return self.range[0] + unit * (self.range[1] - self.range[0])
@@ -42,6 +46,5 @@ def variation_problems(features: Sequence[Feature], variation: Any) -> list[str]
         value: Any = variation.get(each.name)
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         if not is_number or not each.range[0] <= value <= each.range[1]:
-            unit = f" {each.unit}" if each.unit else ""
-            found.append(f"{each.name}: expected {each.range[0]:g} to {each.range[1]:g}{unit}, got {value!r}")
+            found.append(f"{each.name}: expected {each.range_text()}, got {value!r}")
     return found

@@ -7,6 +7,8 @@ import multiprocessing
 import os
 import signal
 import threading
+from collections.abc import Mapping
+from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
 
@@ -45,9 +47,17 @@ def run(configuration: dict[str, Value], seed: int) -> Evaluation:
         return Evaluation(configuration, seed, error=f"{type(error).__name__}: {error}")
 
 
-def run_repetition(configuration: dict[str, Value], seed: int, index: int) -> Outcome:
-    """Runs one repetition in a process that `begin` has prepared."""
+def run_repetition(
+    configuration: dict[str, Value], seed: int, index: int, variation: Mapping[str, float] | None = None
+) -> Outcome:
+    """Runs one repetition in a process that `begin` has prepared.
+
+    :param variation: values of the features; None for those of the scenario.
+    """
+    scenario = _scenarios[0]
     try:
-        return repeat_once(_scenarios[0], configuration, seed, index)
+        if variation is not None:
+            scenario = replace(scenario, variation=variation)
+        return repeat_once(scenario, configuration, seed, index)
     except FOREIGN_ERRORS as error:
         return f"{type(error).__name__}: {error}"

@@ -164,7 +164,8 @@ def repeat_in_processes(scenario: Scenario, count: int) -> Iterator[Repeat]:
     pool = ProcessPool(count, context=context, initializer=begin, initargs=(scenario,))  # they start when needed
 
     def start(job: Execute) -> ProcessFuture[Outcome]:
-        return pool.schedule(run_repetition, (job.configuration, job.seed, job.index), timeout=scenario.timeout)
+        arguments = (job.configuration, job.seed, job.index, job.variation)
+        return pool.schedule(run_repetition, arguments, timeout=scenario.timeout)
 
     def outcome(job: Execute, future: ProcessFuture[Outcome]) -> Outcome:
         for attempt in range(1, ATTEMPTS + 1):

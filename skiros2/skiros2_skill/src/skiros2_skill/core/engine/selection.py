@@ -58,6 +58,8 @@ def claim_instance(
     if refused is not None:
         free_devices(run, wmi)
         run.release()
+    elif run.warning:
+        log.warning("%s: %s", run.name, run.warning)
     return refused
 
 
@@ -188,7 +190,7 @@ def _find_params(
         _infer(run, unset, params, conditions, wmi, blackboard)
     for slot in elements:
         slot.bind(slot.origin)
-    _take_learned(slots, stype, wmi)
+    run.warning = _take_learned(slots, stype, wmi)
     outside = out_of_limits(params)
     if outside:
         raise Rejected(PARAMETER, outside, Failure(PARAMETER, OutOfLimits.CODE, outside))
@@ -197,19 +199,21 @@ def _find_params(
         raise Rejected(PRE, failure.message, failure)
 
 
-def _take_learned(slots: list[Slot], stype: str, wmi: WorldModelPort) -> None:
-    """Replaces defaults by learned values, and sets parameters without a value to them.
+def _take_learned(slots: list[Slot], stype: str, wmi: WorldModelPort) -> str:
+    """Replaces defaults by learned values, and sets parameters without a value to them. Returns a warning if a feature
+    of the task is outside of the range that they are validated for, else "".
 
     :raises WrongType: a learned value is not of the declared type.
     """
     open_slots = [slot for slot in slots if not slot.is_element and slot.provenance in (DEFAULT, UNSET)]
     if not open_slots:
-        return
+        return ""
     learned = learned_values(stype, {slot.param.key: slot.param.current for slot in slots}, wmi)
     for slot in open_slots:
-        if slot.param.key in learned:
-            slot.param.current = slot.param.checked(learned[slot.param.key])
+        if slot.param.key in learned.values:
+            slot.param.current = slot.param.checked(learned.values[slot.param.key])
             slot.provenance = LEARNED
+    return learned.warning
 
 
 def out_of_limits(params: ParamHandler) -> str:

@@ -193,7 +193,7 @@ class SkillRun(FastPath):
         "failure_progress", "has_started", "hold_conditions", "implementation", "input_values",
         "is_abandoned", "is_described", "is_expanded", "keys", "label", "locks", "node", "options", "params",
         "post_conditions", "pre_conditions", "reads", "running_nodes", "slots", "stale", "state",
-        "volatile", "watches",
+        "volatile", "warning", "watches",
     )  # fmt: skip
 
     implementation: ImplementationPort  # unset until it is selected
@@ -242,6 +242,8 @@ class SkillRun(FastPath):
         self.evaluated: dict[str, list[ConditionStatus]] = {}
         #: Of a failed run: the most severe kind of its failures.
         self.failure_kind = FailureKind.RETRYABLE
+        #: Shown with each progress message; "" for none.
+        self.warning = ""
         #: Of a failed run that is still ending.
         self.failure_progress: Progress | None = None
         #: Whether a hook has not returned: the instance must not be used again.
@@ -356,7 +358,10 @@ class SkillRun(FastPath):
         source = self.instance
         if source is None:
             return self._reported
-        return Progress(source.progress_code, source.progress_msg, source.progress_period, source.progress_time)
+        message = source.progress_msg
+        if self.warning:
+            message = f"{message} (warning: {self.warning})".lstrip()
+        return Progress(source.progress_code, message, source.progress_period, source.progress_time)
 
     def has_progressed(self) -> bool:
         """Whether the instance has reported progress since the last call."""

@@ -28,7 +28,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_skill.core.engine.elements import removal_of
 from skiros2_skill.core.engine.failures import with_labels
-from skiros2_skill.core.engine.learned_parameters import learned_values
+from skiros2_skill.core.engine.learned_parameters import Learned, learned_values
 from skiros2_skill.core.engine.selection import preview_start
 from skiros2_skill.core.engine.skill_run import SkillRun
 from skiros2_skill.core.engine.slot import Slot, format_values, is_same
@@ -210,11 +210,12 @@ def _checked(
         if param.paramTypeIs(ParamTypes.Required) and not param.is_element and not param.is_bound()
         if key not in given and key not in produced and key not in wrong
     ]
-    learned = learned_values(implementation.type, given, wmi) if needed else {}
+    learned = learned_values(implementation.type, given, wmi) if needed else Learned({})
     for key, param in needed:
-        if key in learned:
+        if key in learned.values:
             try:
-                given[key] = _checked_values(param, Param(key, "", learned[key], ParamTypes.Required), wmi)
+                values = _checked_values(param, Param(key, "", learned.values[key], ParamTypes.Required), wmi)
+                given.update({} if learned.is_policy else {key: values})  # a policy is read at the start
             except SkirosError as error:
                 problems.append(error.with_text(f"{name}, learned value of parameter {key!r}: {error}"))
         else:

@@ -168,6 +168,18 @@ def test_result_of_a_preempted_goal_does_not_reach_the_next_one(server: Server) 
     assert skill.progress_msg == "all done"
 
 
+def test_skill_that_starts_again_keeps_its_connections(server: Server) -> None:
+    def connection() -> Any:
+        return server._server.action_server.goal_sub.impl.connections[0]
+
+    skill = loaded(job_action)
+    for again in (False, True):
+        before = connection() if again else None
+        skill.start()
+        assert run(skill) is State.Success
+        assert not again or connection() is before
+
+
 def test_an_action_may_be_restarted_with_another_goal(server: Server) -> None:
     class restarting(job_action):
         def onDone(self, status: int, msg: Any) -> State:

@@ -83,9 +83,9 @@ class move_arm_collision_free(DriverAction):
         if status != GoalStatus.SUCCEEDED:
             return self.failed(format_reason(_PLANNING_CODES, msg, self.status_text()), status)
         self._executes = True
-        self._close_client()
-        driver = name_of(TRAJECTORY, self.element("Robot"), self.element("Arm"))
+        planner, driver = self.client, name_of(TRAJECTORY, self.element("Robot"), self.element("Arm"))
         self.client = self.make_client(driver, FollowJointTrajectoryAction)
+        self._close(planner)
         goal = FollowJointTrajectoryGoal(trajectory=msg.trajectory)
         return self.restart(goal, f"{self.doing()}: planned in {msg.planning_time:.1f} s")
 

@@ -152,9 +152,9 @@ class PrimitiveActionClient(ClientPrimitive):
 
     # -- internal ----------------------------------------------------------------------------------------------
 
-    def _close_client(self) -> None:
-        if self.client is not None:
-            self.client.action_client.stop()
+    def _close(self, client: Any) -> None:
+        if client is not None:
+            client.action_client.stop()
 
     def _clear_answers(self) -> None:
         self.fb = queue.Queue()

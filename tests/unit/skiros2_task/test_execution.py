@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from skiros2_common.core.explanation import Explanation
 from skiros2_common.core.failure_kind import FailureKind
-from skiros2_task.core.execution import ROBOT_TIMEOUT, ExecutionStateMachine, Phase
+from skiros2_task.core.execution import ROBOT_TIMEOUT, ExecutionStateMachine
 from skiros2_task.core.plan import Step
 from skiros2_task.core.planning import Verdict
-from skiros2_task.core.step_record import RestoredState, StepState
+from skiros2_task.core.step_record import Phase, RestoredState, StepState
 from support.fuzz import examples
 from support.transport_cell import PLANNING_TIME, STEP_TIME, TransportCell
 
@@ -177,6 +177,24 @@ def test_reverted_change_causes_no_replan() -> None:
     cell.run()
     assert cell.reached
     assert cell.machine.replans == 0
+
+
+def test_no_step_of_a_broken_plan_starts_before_the_world_has_settled() -> None:
+    cell = TransportCell(1, 3, 2)
+    cell.run(until=PLANNING_TIME + STEP_TIME - 0.1)
+    product, (_, place, other) = cell.task.members["skiros:Product"][1], cell.task.members["skiros:Location"]
+    assert cell.machine.next_planning is None
+    cell.move(product, other)
+    planning = cell.machine.next_planning
+    assert planning is not None
+    assert planning.running == cell.machine.running
+    cell.run(until=PLANNING_TIME + STEP_TIME + 0.1)
+    assert len(cell.started) == 1, "the first step has ended, and the second one waits"
+    cell.move(product, place)
+    assert cell.machine.next_planning is None
+    assert len(cell.started) == 2
+    cell.run()
+    assert (cell.reached, cell.machine.replans) == (True, 0)
 
 
 def test_unneeded_running_step_is_stopped() -> None:

@@ -12,15 +12,14 @@ from typing import Any
 import pytest
 
 from skiros2_task.core.commands import End
-from skiros2_task.core.engines import EngineProcesses, Limits, PlannerAnswer
-from skiros2_task.core.execution import Phase
+from skiros2_task.core.engines import EngineProcesses, Job, Limits, PlannerAnswer
 from skiros2_task.core.executor import GoalExecutor
 from skiros2_task.core.goal_execution import Began, Ended, Goal, GoalExecution
 from skiros2_task.core.goal_report import progress_of, result_of
 from skiros2_task.core.plan import Plan, Step
 from skiros2_task.core.planners import engine_planner
 from skiros2_task.core.planning import TaskPlanner, Verdict
-from skiros2_task.core.step_record import StepState
+from skiros2_task.core.step_record import Phase, StepState
 from skiros2_task.core.task import PlanningTask
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from support.planning_world import REQUIRED, PlanningWorld, prop, skill, transport_world
@@ -127,7 +126,17 @@ def test_robots_reach_goal_in_parallel(cell: Make) -> None:
     assert goals[-1] and goals[-1] != goals[0], "another goal has another one"
 
 
-def test_changed_world_causes_replan(cell: Make) -> None:
+def test_changed_world_causes_replan_which_is_searched_while_the_world_settles(
+    cell: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs: list[Job] = []
+    run = EngineProcesses._run
+
+    def count(self: EngineProcesses, job: Job, cancelled: threading.Event) -> PlannerAnswer:
+        runs.append(job)
+        return run(self, job, cancelled)
+
+    monkeypatch.setattr(EngineProcesses, "_run", count)
     busy = cell(1, 3, 4, seconds=0.2)
     request = busy.achieve()
     busy.step_runner.wait_for_starts(1)
@@ -138,6 +147,7 @@ def test_changed_world_causes_replan(cell: Make) -> None:
     assert request.end.verdict is Verdict.PLANNED
     assert busy.reached
     assert request.execution.machine.replans == 1
+    assert len(runs) == 2, "the search that began before the plan was replaced is not repeated"
 
 
 def test_steps_of_lost_robot_move_to_other(cell: Make) -> None:

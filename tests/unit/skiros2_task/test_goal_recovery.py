@@ -12,7 +12,6 @@ import pytest
 
 from skiros2_task.core.commands import End
 from skiros2_task.core.engines import EngineProcesses, Limits
-from skiros2_task.core.execution import Phase
 from skiros2_task.core.executor import GoalExecutor
 from skiros2_task.core.goal_execution import Goal, GoalExecution
 from skiros2_task.core.goal_store import GoalStore, OnRestart
@@ -20,7 +19,7 @@ from skiros2_task.core.planners import engine_planner
 from skiros2_task.core.planning import TaskPlanner, Verdict
 from skiros2_task.core.recovery import Restart
 from skiros2_task.core.step_codec import decode_step, encode_step
-from skiros2_task.core.step_record import StepState
+from skiros2_task.core.step_record import Phase, StepState
 from support.planning_world import PlanningWorld, transport_world
 from support.stand_in_step_runner import StandInStepRunner
 

@@ -88,6 +88,38 @@ def test_cancelled_portfolio_leaves_no_process(processes: EngineProcesses, own_f
     assert list((own_folder / "tmp").iterdir()) == []
 
 
+def test_search_ahead_answers_an_equal_task(
+    processes: EngineProcesses, own_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planner, client = portfolio(processes, Quality.FIRST), threading.Event()
+    planner.solve_ahead(transport_task(1, 3, 2), LIMITS, client)
+    with monkeypatch.context() as patch:
+        patch.setattr(processes, "_run", lambda *_: pytest.fail("another search"))
+        planner.solve_ahead(transport_task(1, 3, 2), LIMITS, client)
+        assert planner.solve(transport_task(1, 3, 2), LIMITS, client).outcome is Outcome.SOLVED
+    assert planner.solve(transport_task(1, 3, 2), LIMITS, client).outcome is Outcome.SOLVED
+    assert list((own_folder / "tmp").iterdir()) == []
+
+
+def test_search_ahead_ends_with_another_task_and_with_its_client(processes: EngineProcesses, own_folder: Path) -> None:
+    planner, client = portfolio(processes, Quality.BEST), threading.Event()
+
+    def search_ahead() -> None:
+        planner.solve_ahead(transport_task(4, 25, 60), LIMITS, client)
+        wait_until(lambda: search_process(own_folder / "tmp", "lama-first"), what="a search")
+
+    search_ahead()
+    assert planner.solve(transport_task(1, 2, 1), LIMITS, client).outcome is Outcome.SOLVED
+    wait_until(lambda: running_in(own_folder / "tmp") == {}, 2.0, "the end of the search ahead")
+    search_ahead()
+    planner.discard(client)
+    wait_until(lambda: running_in(own_folder / "tmp") == {}, 2.0, "the end of the search ahead")
+    search_ahead()
+    threading.Timer(0.2, client.set).start()
+    assert planner.solve(transport_task(4, 25, 60), LIMITS, client).outcome is Outcome.CANCELLED
+    wait_until(lambda: not list((own_folder / "tmp").iterdir()), 2.0, "that the folders are removed")
+
+
 def test_portfolio_respects_time_limit(processes: EngineProcesses, own_folder: Path) -> None:
     answer = portfolio(processes, Quality.OPTIMAL).solve(transport_task(4, 12, 14), Limits(seconds=2.0))
     assert (answer.outcome, answer.plan) == (Outcome.TIMED_OUT, ())

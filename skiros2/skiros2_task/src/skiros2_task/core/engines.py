@@ -16,6 +16,7 @@ import sys
 import tempfile
 import threading
 import time
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from enum import Enum
 from multiprocessing.connection import Connection
@@ -145,6 +146,15 @@ TIMED_OUT = PlannerAnswer(Outcome.TIMED_OUT, reason="the planner found no plan w
 _CANCELLED = PlannerAnswer(Outcome.CANCELLED, reason="cancelled")
 
 
+class _JobAhead:
+    """A job that runs before its answer is needed."""
+
+    def __init__(self, job: Job) -> None:
+        self.job = job
+        self.answer: Future[PlannerAnswer] = Future()
+        self.cancelled = threading.Event()
+
+
 class EngineProcesses:
     """A process with unified-planning loaded, and a child for each run. Thread-safe."""
 
@@ -152,10 +162,50 @@ class EngineProcesses:
         """Starts the process, which loads in the background."""
         self._lock = threading.Lock()
         self._closed = False
+        self._ahead: dict[threading.Event, _JobAhead] = {}
         self._process, self._requests = _start()
 
     def run(self, job: Job, cancelled: threading.Event) -> PlannerAnswer:
-        """Blocks until the job has ended, its time limit has passed or `cancelled` is set."""
+        """Blocks until the job has ended, its time limit has passed or `cancelled` is set.
+
+        An equal job that was started with `run_ahead` is continued; another one of the same `cancelled` is ended.
+        """
+        ahead = self._ahead.get(cancelled)
+        if ahead is None or ahead.job != job:
+            self.discard(cancelled)
+            return self._run(job, cancelled)
+        while not wait([ahead.answer], _CANCEL_PERIOD).done:
+            if cancelled.is_set():
+                ahead.cancelled.set()
+        self._ahead.pop(cancelled, None)
+        return ahead.answer.result()
+
+    def run_ahead(self, job: Job, cancelled: threading.Event) -> None:
+        """Starts a job that `run` may be asked for soon. Does not block. `run` or `discard` has to follow.
+
+        :param cancelled: stands for the client, which has one such job at most, and uses one thread.
+        """
+        old = self._ahead.get(cancelled)
+        if old is not None and old.job == job:
+            return
+        self.discard(cancelled)
+        self._ahead[cancelled] = ahead = _JobAhead(job)
+
+        def run() -> None:
+            try:
+                ahead.answer.set_result(self._run(job, ahead.cancelled))
+            except Exception as error:  # raised again by `run`
+                ahead.answer.set_exception(error)
+
+        threading.Thread(target=run, name="planning ahead", daemon=True).start()
+
+    def discard(self, cancelled: threading.Event) -> None:
+        """Ends the job that was started with `run_ahead`, if any."""
+        ahead = self._ahead.pop(cancelled, None)
+        if ahead is not None:
+            ahead.cancelled.set()
+
+    def _run(self, job: Job, cancelled: threading.Event) -> PlannerAnswer:
         with tempfile.TemporaryDirectory(prefix="skiros-plan-", ignore_cleanup_errors=True) as name:
             folder = Path(name)
             answer = self._answer(folder, job, cancelled)

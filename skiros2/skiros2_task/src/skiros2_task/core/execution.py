@@ -10,9 +10,10 @@
 
 A plan is broken when a step fails, when a robot of it is lost, or when the remaining steps no longer lead from the
 current world to the goal. Then no further step starts. Running steps continue, and a new plan is made for the world as
-it will be when they have succeeded; running steps that the new plan does not need are stopped. If there is no such
-plan, all steps are stopped and a plan is made for the current world. After a final failure of a step (`FailureKind`),
-also while it is being stopped, no new plan is made: the goal ends.
+it will be when they have succeeded, in advance while the world may still settle (`next_planning`); running steps that
+the new plan does not need are stopped. If there is no such plan, all steps are stopped and a plan is made for the
+current world. After a final failure of a step (`FailureKind`), also while it is being stopped, no new plan is made: the
+goal ends.
 
 A goal that is interrupted by one with a higher priority stops the steps that use the same robots, which may take a
 while: a manager runs the `on_preempt` of the preempted skills. Then a plan is made for the world as it is by then.
@@ -23,14 +24,21 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from enum import Enum
 
 from skiros2_common.core.explanation import Explanation
 from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld, Start, Stop, Wake
 from skiros2_task.core.plan import Step, plan_problem
 from skiros2_task.core.planning import Verdict
 from skiros2_task.core.semantics import Facts
-from skiros2_task.core.step_record import RestoredState, StepRecord, StepState, final_end, given_up_text, with_labels
+from skiros2_task.core.step_record import (
+    Phase,
+    RestoredState,
+    StepRecord,
+    StepState,
+    final_end,
+    given_up_text,
+    with_labels,
+)
 from skiros2_task.core.task import PlanningTask, objects_in_scene
 
 #: How long a plan must be broken by changes of the world before it is replaced (s): related changes may arrive in
@@ -42,19 +50,6 @@ ROBOT_TIMEOUT = 30.0
 
 #: After this number of failures on a robot, a skill is planned with on other robots, if possible.
 MAX_FAILURES = 2
-
-
-class Phase(Enum):
-    """A state of the execution state machine."""
-
-    PLANNING = "planning"
-    BLOCKED = "blocked"
-    WAITING = "waiting"
-    RUNNING = "running"
-    CHECKING = "checking"
-    STOPPING = "stopping"
-    ENDED = "ended"
-    ASKING = "asking"
 
 
 @dataclass
@@ -108,6 +103,11 @@ class ExecutionStateMachine:
     def failures(self) -> Counter[tuple[str, str]]:
         """How often each skill has failed, by (manager, skill label)."""
         return self._failures
+
+    @property
+    def next_planning(self) -> MakePlan | None:
+        """The planning that follows if the plan stays broken for `SETTLE_TIME`; None if the plan is not broken."""
+        return self._make_plan() if self.phase is Phase.RUNNING and self._broken_since is not None else None
 
     @property
     def first_number(self) -> int:
@@ -327,16 +327,13 @@ class ExecutionStateMachine:
         if self.phase is Phase.WAITING:
             return []
         if self.phase is Phase.CHECKING and task.satisfied:
-            done = any(record.started is not None for record in self.records.values())
-            return self._finish(
-                End(Verdict.PLANNED, "the goal is reached")
-                if done
-                else End(Verdict.NOTHING_TO_DO, "the goal holds already")
-            )
+            if all(record.started is None for record in self.records.values()):
+                return self._finish(End(Verdict.NOTHING_TO_DO, "the goal holds already"))
+            return self._finish(End(Verdict.PLANNED, "the goal is reached"))
         reason = self._why_invalid()
         if not reason:
-            self._broken_since = None
-            return []
+            held, self._broken_since = self._broken_since is not None, None
+            return self._start_ready() if held and self.phase is Phase.RUNNING else []
         if self._broken_since is None:
             self._broken_since = self.clock()
         remaining = self._broken_since + SETTLE_TIME - self.clock()
@@ -374,9 +371,14 @@ class ExecutionStateMachine:
 
     def _plan(self) -> list[Command]:
         self.phase, self._improved = Phase.PLANNING, False
-        self._assumed = tuple(step for step in self.running if step.number not in self._stopped)
+        command = self._make_plan()
+        self._assumed = command.running
+        return [command]
+
+    def _make_plan(self) -> MakePlan:
+        assumed = tuple(step for step in self.running if step.number not in self._stopped)
         avoided = frozenset(key for key, times in self._failures.items() if times >= MAX_FAILURES)
-        return [MakePlan(self._assumed, frozenset(self._lost), avoided)]
+        return MakePlan(assumed, frozenset(self._lost), avoided)
 
     def _plan_when_stopped(self) -> list[Command]:
         """Plans once the stopped steps have ended."""
@@ -405,10 +407,9 @@ class ExecutionStateMachine:
             return []
         self._outcome = self._outcome or outcome
         self._drop_waiting()
-        running = self.running
-        if running:
+        if self.running:
             self.phase = Phase.STOPPING
-            return self._stop(running)
+            return self._stop(self.running)
         self.phase, self.message = Phase.ENDED, self._outcome.message
         return [self._outcome]
 
@@ -434,11 +435,11 @@ class ExecutionStateMachine:
         return Claim(in_use, in_use)
 
     def _start_ready(self) -> list[Command]:
-        """Starts the steps whose predecessors have ended; after the last step, reads the world model."""
+        """Starts the steps whose predecessors have ended, unless the plan is broken; then reads the world."""
         commands: list[Command] = []
         unfinished = {step.number for step in (*self.running, *self.waiting)}
         for step in self.waiting:
-            if not step.after & unfinished:
+            if not step.after & unfinished and self._broken_since is None:
                 record = self.records[step.number]
                 record.state, record.started = StepState.RUNNING, self.clock()
                 self.message = f"{step} is started"

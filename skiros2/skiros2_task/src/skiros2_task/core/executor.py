@@ -16,15 +16,16 @@ from skiros2_common.core.manager_names import matching_name
 from skiros2_common.core.operations import Change
 from skiros2_task.core.commands import Claim, Command, End, MakePlan, ReadWorld, Start, Stop, Wake
 from skiros2_task.core.event_queue import EventQueue
-from skiros2_task.core.execution import ExecutionStateMachine, Phase
+from skiros2_task.core.execution import ExecutionStateMachine
 from skiros2_task.core.execution_log import ExecutionLog
 from skiros2_task.core.goal_execution import Goal, GoalExecution, OnChange, OnEnd, StepRunner
-from skiros2_task.core.goal_planning import GOOD, internal_error, make_plan, read_task
+from skiros2_task.core.goal_planning import GOOD, internal_error, make_plan, plan_ahead, read_task
 from skiros2_task.core.goal_store import GoalStore, StoredGoal, StoreFailed
 from skiros2_task.core.plan import Step
 from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.recovery import Recovery, Restart
 from skiros2_task.core.resources import Resources
+from skiros2_task.core.step_record import Phase
 from skiros2_task.core.task import PlanningTask
 from skiros2_task.core.undeclared import UndeclaredChanges
 
@@ -239,6 +240,13 @@ class GoalExecutor:
         first = execution.machine.first_number
         execution.work.put(lambda: self._make_plan(execution, command, busy, first))
 
+    def _plan_ahead(self, execution: GoalExecution) -> None:
+        """Plans in advance as long as the plan is broken, and the world may still settle."""
+        command = execution.machine.next_planning
+        if command is not None or execution.machine.phase is Phase.RUNNING:
+            busy = self._resources.held_by_others(execution.name)
+            execution.work.put(lambda: plan_ahead(self._planner, execution, command, busy))
+
     def _compare(self, execution: GoalExecution, task: PlanningTask | None) -> None:
         """Logs facts that steps have changed without declaring it.
 
@@ -341,6 +349,7 @@ class GoalExecutor:
         if isinstance(task, PlanningTask):
             self._compare(execution, task)
             self.execute(execution, execution.machine.world(task))
+            self._plan_ahead(execution)
             self._schedule_read(execution)
         elif isinstance(task, WrongValue):
             self.execute(execution, execution.machine.unreadable(str(task)))
@@ -357,6 +366,7 @@ class GoalExecutor:
                 work()
             except Exception as error:
                 self._events.put(partial(self._fail, execution, error))
+        plan_ahead(self._planner, execution, None)
 
     def _read(self, execution: GoalExecution) -> None:
         start = time.monotonic()

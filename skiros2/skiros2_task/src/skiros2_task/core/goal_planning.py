@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable
+from functools import partial
 
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_task.core.commands import MakePlan
@@ -32,6 +33,18 @@ def read_task(planner: TaskPlanner, execution: GoalExecution) -> PlanningTask | 
         return error if isinstance(error, SkirosError) else WrongValue(internal_error(error))
 
 
+def plan_ahead(
+    planner: TaskPlanner, execution: GoalExecution, command: MakePlan | None, busy: frozenset[str] = frozenset()
+) -> None:
+    """Starts the first search of `make_plan`, or ends it if `command` is None. Does not block."""
+    goal = execution.goal
+    adapt = None if command is None else partial(_adapted, command.running, _avoided(command, busy))
+    try:
+        planner.plan_ahead(goal.text, execution.cancelled, adapt, goal.limits, goal.planner)
+    except SkirosError as error:  # `make_plan` reports it, if it is asked for the plan
+        log.debug("planning ahead: %s", error)
+
+
 def make_plan(
     planner: TaskPlanner, execution: GoalExecution, command: MakePlan, busy: frozenset[str]
 ) -> tuple[PlanningTask | None, PlanningResult]:
@@ -40,13 +53,24 @@ def make_plan(
     :param busy: the managers that other goals use.
     :returns: the task for the current world, None if the goal cannot be read; and the result.
     """
-    lost = {(manager, "") for manager in command.lost}
-    preferred = lost | {(manager, "") for manager in busy} | command.avoided
+    lost = frozenset((manager, "") for manager in command.lost)
+    preferred = _avoided(command, busy)
     for avoided in (preferred, lost) if preferred != lost else (lost,):
-        task, result = _result(planner, execution, command.running, frozenset(avoided))
+        task, result = _result(planner, execution, command.running, avoided)
         if result.verdict in GOOD or result.verdict is Verdict.CANCELLED:
             break
     return task, result
+
+
+def _avoided(command: MakePlan, busy: frozenset[str]) -> frozenset[tuple[str, str]]:
+    return frozenset((manager, "") for manager in command.lost | busy) | command.avoided
+
+
+def _adapted(running: Iterable[Step], avoided: frozenset[tuple[str, str]], task: PlanningTask) -> PlanningTask:
+    facts = task.init
+    for step in running:
+        facts = step.apply(facts)
+    return task.after(facts).without_skills(avoided)
 
 
 def _result(
@@ -56,10 +80,7 @@ def _result(
 
     def adapt(task: PlanningTask) -> PlanningTask:
         tasks.append(task)
-        facts = task.init
-        for step in running:
-            facts = step.apply(facts)
-        return task.after(facts).without_skills(avoided)
+        return _adapted(running, avoided, task)
 
     goal = execution.goal
     try:

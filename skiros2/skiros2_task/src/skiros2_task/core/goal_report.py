@@ -11,10 +11,9 @@ from skiros2_common.core.explanation import PARAMETER, UNSET, Explanation, Prove
 from skiros2_common.core.names import full_name
 from skiros2_skill.core.runtime.request import REFUSED_CODE
 from skiros2_task.core.commands import End
-from skiros2_task.core.execution import Phase
 from skiros2_task.core.goal_execution import GoalExecution
 from skiros2_task.core.planning import Verdict
-from skiros2_task.core.step_record import StepRecord, StepState
+from skiros2_task.core.step_record import Phase, StepRecord, StepState
 
 PLANNING, RUNNING, STOPPING = "planning", "running", "stopping"
 #: The phase of a goal that asks how to continue after a restart. No constant of the message, whose md5 sum covers them.

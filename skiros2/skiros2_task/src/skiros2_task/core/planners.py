@@ -46,6 +46,14 @@ class EnginePlanner:
         """Solves a task; see `Planner`."""
         return self._processes.run(Job(task, self._work, limits), cancelled or threading.Event())
 
+    def solve_ahead(self, task: PlanningTask, limits: Limits, cancelled: threading.Event) -> None:
+        """Starts to solve a task that `solve` may be asked for soon; see `EngineProcesses.run_ahead`."""
+        self._processes.run_ahead(Job(task, self._work, limits), cancelled)
+
+    def discard(self, cancelled: threading.Event) -> None:
+        """Ends what `solve_ahead` has started, if anything."""
+        self._processes.discard(cancelled)
+
 
 def engine_planner(processes: EngineProcesses, name: str = DEFAULT_ENGINE, **options: str) -> EnginePlanner:
     """Returns the planner that runs one engine.

@@ -23,7 +23,7 @@ from skiros2_task.core.formula import FALSE, Formula
 from skiros2_task.core.given_plan import GivenPlan, plan_data
 from skiros2_task.core.goal_reader import GoalReader
 from skiros2_task.core.plan import Plan, SkillCall, make_plan
-from skiros2_task.core.planners import Planner
+from skiros2_task.core.planners import EnginePlanner, Planner
 from skiros2_task.core.preview import Preview
 from skiros2_task.core.reachability import Deadline
 from skiros2_task.core.skills import Robot, RunningManagers, assume_values, no_managers
@@ -231,6 +231,32 @@ class TaskPlanner:
         answer = planner.solve(task, limits or self._limits, cancelled)
         result, files = self._result(answer, task, world, cancelled)
         return self._store(goal, task, result, {LOG_FILE: answer.log, **dict(answer.files), **files})
+
+    def plan_ahead(
+        self,
+        goal: str,
+        cancelled: threading.Event,
+        adapt: Callable[[PlanningTask], PlanningTask] | None,
+        limits: Limits | None = None,
+        planner: Planner | GivenPlan | None = None,
+    ) -> None:
+        """Starts the search that `plan` may be asked for soon with these arguments. Does not block.
+
+        Planners other than `EnginePlanner` do not search ahead.
+
+        :param adapt: None: ends such a search.
+        :raises SkirosError: the world model does not answer, or the goal cannot be read.
+        """
+        engine = planner or self._planner
+        if not isinstance(engine, EnginePlanner):
+            return
+        if adapt is None:
+            engine.discard(cancelled)
+            return
+        world = self._view()
+        task = adapt(make_task(world, _read(goal, world)))
+        if not task.satisfied and not _why_impossible(task, world):
+            engine.solve_ahead(task, limits or self._limits, cancelled)
 
     def read_task(self, goal: str) -> PlanningTask:
         """Returns the planning task for a goal in the current world.

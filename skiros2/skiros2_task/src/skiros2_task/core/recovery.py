@@ -11,11 +11,10 @@ from typing import Protocol
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.explanation import Explanation
 from skiros2_task.core.commands import Command
-from skiros2_task.core.execution import Phase
 from skiros2_task.core.goal_execution import GoalExecution, StepRunner
 from skiros2_task.core.goal_store import OnRestart, StoredGoal
 from skiros2_task.core.plan import Step
-from skiros2_task.core.step_record import StepState
+from skiros2_task.core.step_record import Phase, StepState
 from skiros2_task.core.task import PlanningTask
 
 log = logging.getLogger(__name__)

@@ -1,4 +1,4 @@
-"""The execution of single steps."""
+"""The phases of an execution, and the execution of single steps."""
 
 from __future__ import annotations
 
@@ -13,6 +13,19 @@ from skiros2_common.core.wording import label_text, with_names
 from skiros2_task.core.commands import End
 from skiros2_task.core.plan import Step
 from skiros2_task.core.planning import Verdict
+
+
+class Phase(Enum):
+    """A state of the execution state machine."""
+
+    PLANNING = "planning"
+    BLOCKED = "blocked"
+    WAITING = "waiting"
+    RUNNING = "running"
+    CHECKING = "checking"
+    STOPPING = "stopping"
+    ENDED = "ended"
+    ASKING = "asking"
 
 
 class StepState(Enum):

@@ -59,6 +59,7 @@ class Gateway:
     async def put(self, job_id: str, *, start: bool = True, **order: Any) -> Job:
         order = order if "work_master" in order else {"goal": "(at robot home)", **order}
         job, _ = await self.control.put(read_order({"id": job_id, **order}), "test", start=start)
+        await self.store.synced()
         return job
 
     def job(self, job_id: str) -> Job:

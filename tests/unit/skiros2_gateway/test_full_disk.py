@@ -90,12 +90,12 @@ def test_running_job_is_stopped_and_not_resumed_without_a_disk(in_gateway: Run) 
         await gateway.put("a")
         gateway.cell.accept("a")
         with unwritable(gateway):
-            gateway.service.apply(OPERATOR, Method.PAUSE, "a")
+            await gateway.service.apply(OPERATOR, Method.PAUSE, "a")
             assert (gateway.state("a"), gateway.cell.paused) == ("Interrupted/Held", {"a"})
             with pytest.raises(StoreFailed):
-                gateway.service.apply(OPERATOR, Method.RESUME, "a")
+                await gateway.service.apply(OPERATOR, Method.RESUME, "a")
             assert (gateway.state("a"), gateway.cell.paused) == ("Interrupted/Held", {"a"})
-            gateway.service.apply(OPERATOR, Method.STOP, "a")
+            await gateway.service.apply(OPERATOR, Method.STOP, "a")
             assert gateway.cell.stopped == ["a"]
 
     in_gateway(test)

@@ -26,6 +26,7 @@ def test_job_runs_through_all_states(in_gateway: Run) -> None:
         assert not gateway.cell.sent
         gateway.control.apply(Method.START, "a", "mes")
         assert gateway.state("a") == "AllowedToStart/Loaded"
+        await gateway.store.synced()
         assert [goal.id for goal in gateway.cell.sent] == ["a"]
         gateway.cell.accept("a")
         assert gateway.state("a") == "Running"
@@ -75,6 +76,7 @@ def test_highest_priority_then_earliest_due_time_starts_first(in_gateway: Run) -
         for expected in ("first", "sooner", "later", "plain", "low"):
             assert gateway.cell.sent[-1].id == expected
             gateway.cell.end(expected)
+            await gateway.store.synced()
 
     in_gateway(test)
 
@@ -132,6 +134,7 @@ def test_same_order_again_is_the_same_job(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
         order = read_order({"id": "a", "goal": "(at robot home)"})
         assert (await gateway.control.put(order, "mes", start=True))[1]
+        await gateway.store.synced()
         gateway.cell.end("a")
         job, is_new = await gateway.control.put(order, "mes", start=True)
         assert (job.state, is_new, len(gateway.cell.sent)) == (State.ENDED, False, 1)
@@ -259,6 +262,7 @@ def test_restart_continues_the_queue_and_looks_for_running_goals(in_gateway: Run
         gateway.restart()
         assert (gateway.cell.followed, gateway.cell.sent) == (["running"], [])
         gateway.cell.end("running")
+        await gateway.store.synced()
         assert [goal.id for goal in gateway.cell.sent] == ["waiting"]
 
     in_gateway(test)

@@ -216,12 +216,12 @@ def test_signatures_are_bounded_in_number_but_kept_for_two_minutes(
     freshness = Freshness(store, lambda: now, lambda: now)
     for number in range(5):
         freshness.check(f"{number}", now)
-        freshness.write()
+        asyncio.run(freshness.write())
         now += 70.0
     assert set(store.signatures()) == {"3", "4"}
     for key in "abcd":
         freshness.check(key, now)
-        freshness.write()
+        asyncio.run(freshness.write())
     assert set(store.signatures()) == {"4", *"abcd"}  # the clocks may differ by a minute
     with pytest.raises(Unauthenticated, match="received before"):
         Freshness(JobStore(tmp_path / "jobs.db"), lambda: now).check("4", now)
@@ -232,10 +232,10 @@ def test_command_is_carried_out_once_when_the_clock_is_set(tmp_path: Path, days:
     now, elapsed = sent, _ = 1e9, 0.0
     freshness = Freshness(JobStore(tmp_path / "jobs.db"), lambda: now, lambda: elapsed)
     freshness.check("a", sent)
-    freshness.write()
+    asyncio.run(freshness.write())
     elapsed, now = 1000.0, sent + days * 86_400.0
     freshness.check("b", now)
-    freshness.write()
+    asyncio.run(freshness.write())
     now = sent
     for each in (freshness, Freshness(JobStore(tmp_path / "jobs.db"), lambda: now)):
         with pytest.raises(Unauthenticated, match="received before"):

@@ -202,7 +202,7 @@ def test_running_job_is_stopped_before_the_disk_has_it(in_gateway: Run) -> None:
             save(*arguments, **options)
 
         gateway.store.save = slow_save
-        gateway.service.apply(OPERATOR, Method.STOP, "a")
+        await gateway.service.apply(OPERATOR, Method.STOP, "a")
         assert stopped_at_save == [["a"]]
 
     in_gateway(test)

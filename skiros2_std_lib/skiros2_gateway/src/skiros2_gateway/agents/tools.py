@@ -193,7 +193,7 @@ class Tools:
 
     async def _stop(self, caller: Caller, arguments: Stop) -> Any:
         if arguments.job:
-            return job_summary(self._service.apply(caller, Method.ABORT, arguments.job))
+            return job_summary(await self._service.apply(caller, Method.ABORT, arguments.job))
         if arguments.task < 0:
             return {"tasks": await self._service.command_robots(caller, "stop", arguments.robots)}
         robot, task = arguments.robots[0], arguments.task

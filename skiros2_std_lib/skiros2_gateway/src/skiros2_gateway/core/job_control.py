@@ -16,6 +16,7 @@ from skiros2_gateway.core.deadline import check_deadline
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job import FINAL, Job, Method, Order, State, Substate
 from skiros2_gateway.core.open_jobs import OpenJobs
+from skiros2_gateway.core.outbox import Outbox
 from skiros2_gateway.core.problems import Problem, Rejected, StoreFailed
 from skiros2_gateway.core.store import JobStore
 from skiros2_gateway.core.work_masters import WorkMasters
@@ -35,8 +36,8 @@ _RETRY = 1.0
 class JobControl:
     """Stores jobs, starts their goals in the cell, and keeps their responses. A `GoalListener`.
 
-    To be used in the thread of the gateway's loop. A job is written to the store before its goal is sent: after a crash
-    its goal is looked for in the cell, and never sent again.
+    To be used in the thread of the gateway's loop. What a method has changed is on the disk once `store.synced` has
+    returned. A goal is sent when its job is on the disk: after a crash it is looked for in the cell, not sent again.
 
     :param clock: s since the epoch.
     """
@@ -54,6 +55,7 @@ class JobControl:
         self._sequence = store.next_sequence()
         self._timer: asyncio.TimerHandle | None = None
         self._tasks: set[asyncio.Task[None]] = set()
+        self._outbox = Outbox(store)
 
     @property
     def cell(self) -> Cell:
@@ -82,6 +84,7 @@ class JobControl:
         if self._timer is not None:
             self._timer.cancel()
         self.jobs.close()
+        self._outbox.clear()
         for task in self._tasks:
             task.cancel()
         self._cell = None
@@ -179,6 +182,8 @@ class JobControl:
             raise Refused(f"{method} needs an order")
         job = self.get(job_id)
         job.check(method)
+        if job.id in self._outbox:  # only Abort is allowed
+            job.substate = Substate.READY
         actions = {Method.PAUSE: self.cell.pause, Method.RESUME: self.cell.resume}
         in_cell = actions.get(method, self.cell.stop) if job.is_in_cell else None
         job.apply(method, author, self._clock())
@@ -191,6 +196,7 @@ class JobControl:
             if not stops:
                 raise
             self._note(job, author, method, comment)
+        self._outbox.discard(job.id)
         if in_cell is not None and not stops:
             in_cell(job.id)
         self._dispatch()
@@ -251,12 +257,9 @@ class JobControl:
                 return
             ending = replace(ending, outcome=LOST)
         job.response.end(ending, now := self._clock(), self.cell.revision)
-        is_ended = ending.outcome in REACHED or job.wanted == Method.STOP
+        is_ended = ending.outcome != LOST and (ending.outcome in REACHED or job.wanted == Method.STOP)
         job.wanted = ""
-        if is_ended and ending.outcome != LOST:
-            job.change(State.ENDED, Substate.COMPLETED, now)
-        else:
-            job.change(State.ABORTED, Substate.NONE, now)
+        job.change(*((State.ENDED, Substate.COMPLETED) if is_ended else (State.ABORTED, Substate.NONE)), now)
         self._note(job, GATEWAY, "ended", f"{ending.outcome}: {ending.message}")
         log.info("job %s: %s: %s", job.id, ending.outcome, ending.message)
         self._collect(job)
@@ -277,8 +280,7 @@ class JobControl:
             self._retry()
             return
         now = self._clock()
-        later = self.jobs.next_start(now)
-        if later is not None:
+        if (later := self.jobs.next_start(now)) is not None:
             self._retry(min(_CLOCK_CHECK_PERIOD, max(0.01, later - now)))
         if not self._cell.is_ready:
             if self.jobs.has_queue:  # the cell reports changes between its looks only, and may be ready at the next one
@@ -298,7 +300,7 @@ class JobControl:
                     log.error("job %s does not start: %s", job.id, error)
                     self._retry()
                     return
-                self._cell.start(_goal_of(loaded))
+                self._outbox.send(_goal_of(loaded), self._cell.start)
 
     def _note(self, job: Job, author: str, method: str, comment: str = "") -> None:
         if not self.jobs.note(job, author, method, comment):
@@ -318,8 +320,7 @@ class JobControl:
         return known
 
     def _collect(self, job: Job) -> None:
-        task = asyncio.get_running_loop().create_task(self._collected(job))
-        self._tasks.add(task)
+        self._tasks.add(task := asyncio.get_running_loop().create_task(self._collected(job)))
         task.add_done_callback(self._tasks.discard)
 
     async def _collected(self, job: Job) -> None:

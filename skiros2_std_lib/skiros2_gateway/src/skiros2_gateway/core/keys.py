@@ -54,6 +54,8 @@ class KeyStore(Protocol):
 
     def find_key(self, user: str, key: str) -> tuple[str, str] | None: ...
 
+    async def synced(self) -> None: ...
+
 
 class KeyMemory:
     """A store of the newest keys that ends with its process."""
@@ -75,6 +77,9 @@ class KeyMemory:
 
     def find_key(self, user: str, key: str) -> tuple[str, str] | None:
         return self._keys.get((user, key))
+
+    async def synced(self) -> None:
+        """Does nothing: there is no disk."""
 
 
 class Keys:
@@ -132,6 +137,7 @@ class Keys:
     async def _carry_out(self, user: str, key: str, digest: str, do: Callable[[], Awaitable[Any]], keep: Keep) -> Any:
         if keep is Keep.BEFORE:
             self._write(self._store.put_key, user, key, digest)
+            await self._synced(user, key)
         try:
             answer = await do()
         except TimedOut:  # it may be carried out yet
@@ -142,6 +148,7 @@ class Keys:
         if keep is Keep.AFTER:
             self._write(self._store.put_key, user, key, digest)
         self._write(self._store.answer_key, user, key, json.dumps(answer, default=str))
+        await self._synced(user, key)
         return answer
 
     def _find(self, user: str, key: str) -> tuple[str, str] | None:
@@ -156,6 +163,12 @@ class Keys:
             write(*arguments)
         except StoreFailed as error:  # robots stop, whatever the disk does
             log.error("the key %s of %s is not written: %s", arguments[1], arguments[0], error)
+
+    async def _synced(self, user: str, key: str) -> None:
+        try:
+            await self._store.synced()
+        except StoreFailed as error:
+            log.error("the key %s of %s is lost by a power failure: %s", key, user, error)
 
 
 async def uninterrupted(work: Awaitable[Any]) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Awaitable, Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
@@ -16,9 +17,11 @@ from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job import Job, Method, read_order
 from skiros2_gateway.core.job_control import JobControl
 from skiros2_gateway.core.keys import Keep, Keys
-from skiros2_gateway.core.problems import Denied, TooMany, Unauthenticated
+from skiros2_gateway.core.problems import Denied, StoreFailed, TooMany, Unauthenticated
 from skiros2_gateway.core.sessions import Sessions
 from skiros2_gateway.core.store import JobStore
+
+log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
@@ -130,29 +133,35 @@ class Service:
 
         return await self.command(caller, Method.UPDATE, thing, update)
 
-    def apply(self, caller: Caller, method: Method, job_id: str, comment: str = "") -> Job:
-        """Applies a method to a job; see `JobControl.apply`."""
+    async def apply(self, caller: Caller, method: Method, job_id: str, comment: str = "") -> Job:
+        """Applies a method to a job, on the disk; see `JobControl.apply`."""
         with self.audited(caller, method, job_id):
-            return self.control.apply(method, job_id, caller.user, comment)
+            job = self.control.apply(method, job_id, caller.user, comment)
+            try:
+                await self.store.synced()
+            except StoreFailed as error:
+                if method is Method.RESUME or not job.is_in_cell:
+                    raise
+                log.error("job %s: %s may be unknown after a power failure: %s", job_id, method, error)
+        return job
 
     async def command_robots(self, caller: Caller, action: str, robots: Sequence[str]) -> dict[str, Any]:
         """Preempts, pauses or resumes all tasks of robots; none named: of all robots.
 
         :param action: one of `ROBOT_ACTIONS`.
         """
-
-        async def command() -> dict[str, Any]:
+        with self.audited(caller, f"{action} robots", " ".join(robots)):
             return await self.control.cell.command_robots(action, robots, caller.user)
 
-        return await self.command(caller, f"{action} robots", " ".join(robots), command)
-
     async def command(self, caller: Caller, action: str, thing: str, do: Callable[[], Awaitable[T]]) -> T:
-        """Carries out a command that needs the role operate, and writes it to the audit log.
+        """Carries out a command that needs the role operate, on the disk, and writes it to the audit log.
 
         :raises SkirosError: what `do` raises.
         """
         with self.audited(caller, action, thing):
-            return await do()
+            result = await do()
+            await self.store.synced()
+        return result
 
     @contextmanager
     def audited(self, caller: Caller, action: str, thing: str, role: Role = Role.OPERATE) -> Iterator[None]:
@@ -167,10 +176,11 @@ class Service:
             raise
         self.access.record(caller, action, thing, "done")
 
-    def acknowledge(self, caller: Caller, alarms: Collection[str], known: Collection[str]) -> None:
+    async def acknowledge(self, caller: Caller, alarms: Collection[str], known: Collection[str]) -> None:
         """Notes that a caller has seen alarms; see `Acknowledged.add`."""
         with self.audited(caller, "acknowledge alarms", " ".join(alarms)[:200]):
             self.acknowledged.add(alarms, known, caller.user)
+            await self.store.synced()
         self.events.publish("alarm", {"acknowledged": list(alarms), "user": caller.user})
 
     # -- reading -----------------------------------------------------------------------------------------------

@@ -1,11 +1,12 @@
 """Keeps jobs, their history and the audit log in an SQLite file.
 
-Each call is one transaction. The file uses a write-ahead log that is synchronised at each commit, but that of progress:
-a change that was returned survives the end of the process and of the machine.
+Each call is one transaction, which survives the end of the process once it has returned. It survives the end of the
+machine once `synced` has returned after it; see `skiros2_gateway.core.group_sync`.
 """
 
 from __future__ import annotations
 
+import asyncio
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_gateway.core.group_sync import GroupSync
 from skiros2_gateway.core.job import FINAL, Job
 from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.problems import StoreFailed
@@ -54,6 +56,10 @@ _PRUNED = 500
 
 #: The idempotency keys of a user that are kept, the newest.
 _MAX_KEYS = 2000
+
+
+#: After how many transactions the write-ahead log is copied to the file: some 2 MB.
+_CHECKPOINT = 100
 
 
 class Numbers(NamedTuple):
@@ -126,6 +132,8 @@ class JobStore:
         if str(path) != ":memory:":
             Path(path).touch(mode=0o600)
             Path(path).chmod(0o600)  # SQLite gives its other files the same mode
+        self._sync: GroupSync | None = None
+        self._written = 0
         self._db = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
         try:
             self._db.execute("PRAGMA journal_mode = WAL")
@@ -136,13 +144,30 @@ class JobStore:
                 raise ConfigurationError(f"{path} has version {version} of the job store, expected {_VERSION}")
             self._db.executescript(_SCHEMA)
             self._db.execute(f"PRAGMA user_version = {_VERSION}")
+            self._db.execute("PRAGMA synchronous = NORMAL")
+            self._db.execute("PRAGMA wal_autocheckpoint = 0")
+            if str(path) != ":memory:":
+                self._sync = GroupSync(path)
         except sqlite3.DatabaseError as error:
             self._db.close()
             raise ConfigurationError(f"{path} is not a job store: {error}") from error
 
     def close(self) -> None:
         """Closes the file."""
+        if self._sync is not None:
+            self._sync.close()
         self._db.close()
+
+    def request_sync(self) -> asyncio.Future[None]:
+        """Returns a future that is done when all that was written is on the disk; see `GroupSync.request`."""
+        if self._sync is not None:
+            return self._sync.request()
+        asyncio.get_running_loop().call_soon((done := asyncio.Future[None]()).set_result, None)
+        return done
+
+    async def synced(self) -> None:
+        """Waits until all that was written is on the disk: an answer that promises it is sent afterwards."""
+        await asyncio.shield(self.request_sync())
 
     def next_sequence(self) -> int:
         """Returns the number for the next job."""
@@ -164,10 +189,8 @@ class JobStore:
         return text
 
     def save_progress(self, jobs: Sequence[Job]) -> None:
-        """Writes changed jobs without waiting for the disk: a power failure may lose the change, the end of the process
-        does not.
-        """
-        with self._transaction("NORMAL") as db:
+        """Writes changed jobs."""
+        with self._transaction() as db:
             for job in jobs:
                 _write_job(db, job)
 
@@ -211,12 +234,8 @@ class JobStore:
 
     def history(self, job_id: str) -> list[dict[str, Any]]:
         """Returns the changes of a job's state, the oldest first."""
-        rows = self._read(
-            "SELECT number, time, author, method, state, substate, comment FROM job_events WHERE job = ?"
-            " ORDER BY number",
-            job_id,
-        )
         keys = ("number", "time", "author", "method", "state", "substate", "comment")
+        rows = self._read(f"SELECT {', '.join(keys)} FROM job_events WHERE job = ? ORDER BY number", job_id)
         return [dict(zip(keys, row, strict=True)) for row in rows]
 
     def last_numbers(self) -> Numbers:
@@ -258,10 +277,8 @@ class JobStore:
     # -- the audit log -----------------------------------------------------------------------------------------
 
     def audit(self, entry: Mapping[str, Any]) -> None:
-        """Writes an entry with the keys `time`, `user`, `way`, `action`, `object` and `outcome`. A power failure may
-        lose the last ones.
-        """
-        with self._transaction("NORMAL") as db:
+        """Writes an entry with the keys `time`, `user`, `way`, `action`, `object` and `outcome`."""
+        with self._transaction() as db:
             db.execute(
                 "INSERT INTO audit (time, user, way, action, object, outcome)"
                 " VALUES (:time, :user, :way, :action, :object, :outcome)",
@@ -270,13 +287,8 @@ class JobStore:
 
     def audit_log(self, since: int = 0, limit: int = 1000) -> list[dict[str, Any]]:
         """Returns entries with a higher number, the oldest first."""
-        rows = self._read(
-            "SELECT number, time, user, way, action, object, outcome FROM audit WHERE number > ?"
-            " ORDER BY number LIMIT ?",
-            since,
-            limit,
-        )
         keys = ("number", "time", "user", "way", "action", "object", "outcome")
+        rows = self._read(f"SELECT {', '.join(keys)} FROM audit WHERE number > ? ORDER BY number LIMIT ?", since, limit)
         return [dict(zip(keys, row, strict=True)) for row in rows]
 
     # -- sessions of the page ----------------------------------------------------------------------------------
@@ -352,8 +364,8 @@ class JobStore:
     # -- figures -----------------------------------------------------------------------------------------------
 
     def add_figures(self, hour: int, values: Mapping[FigureKey, float]) -> None:
-        """Adds to the figures of an hour (since the epoch). A power failure may lose the last ones."""
-        with self._transaction("NORMAL") as db:
+        """Adds to the figures of an hour (since the epoch)."""
+        with self._transaction() as db:
             db.executemany(
                 "INSERT INTO figures VALUES (?, ?, ?, ?, ?)"
                 " ON CONFLICT DO UPDATE SET value = figures.value + excluded.value",
@@ -393,9 +405,8 @@ class JobStore:
             raise StoreFailed(f"the job store cannot be read: {error}") from error
 
     @contextmanager
-    def _transaction(self, synchronous: str = "FULL") -> Iterator[sqlite3.Connection]:
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
         try:
-            self._db.execute(f"PRAGMA synchronous = {synchronous}")
             self._db.execute("BEGIN IMMEDIATE")
             yield self._db
             self._db.execute("COMMIT")
@@ -403,6 +414,9 @@ class JobStore:
             if self._db.in_transaction:  # some errors have rolled it back already
                 self._db.execute("ROLLBACK")
             raise StoreFailed(f"the job store cannot be written: {error}") from error
+        self._written += 1
+        if self._sync is not None and self._written % _CHECKPOINT == 0:
+            self._sync.checkpoint()
 
 
 def _write_job(db: sqlite3.Connection, job: Job) -> str:

@@ -34,7 +34,7 @@ def alarms_router(view: LiveView) -> APIRouter:
     @router.post("/acknowledge", responses=answers(models.Empty, 404))
     async def acknowledge(caller: CallerArg, service: ServiceArg, body: AlarmIds) -> dict[str, Any]:
         """Notes that the caller has seen alarms."""
-        service.acknowledge(caller, body.alarms, view.alarms)
+        await service.acknowledge(caller, body.alarms, view.alarms)
         return {}
 
     return router

@@ -164,6 +164,7 @@ async def logout(caller: CallerArg, response: Response, service: ServiceArg) -> 
     """Ends the page's session, and removes its cookie."""
     if caller.session:
         service.sessions.end(caller, caller.session)
+        await service.store.synced()
     response.delete_cookie(COOKIE, path="/")
     return {}
 
@@ -180,6 +181,7 @@ async def end_session(caller: CallerArg, service: ServiceArg, session_id: str) -
     """Ends a session of the page: an own one, or with the role maintain any."""
     service.view(caller)
     service.sessions.end(caller, session_id)
+    await service.store.synced()
     service.access.record(caller, "end session", session_id, "done")
     return {}
 
@@ -262,7 +264,7 @@ async def apply(
     known = {each.name.lower(): each for each in Method}
     if method not in known:
         raise UnknownName(f"there is no method {method!r}; there are: {', '.join(known)}")
-    return service.apply(caller, known[method], job_id, body.comment).to_dict()
+    return (await service.apply(caller, known[method], job_id, body.comment)).to_dict()
 
 
 @_router.get("/jobs/{job_id}/history", responses=answers(models.History, 404))

@@ -153,13 +153,13 @@ class MqttBridge:
             work = partial(self._apply, caller, method, data)
             keep = keep_of(method)
             if keep is Keep.BEFORE:
-                self._freshness.write()
+                await self._freshness.write()
             answer: dict[str, Any] = await self._service.once(caller, key, wanted, work, keep)
         except SkirosError as error:
             problems = [each.to_dict() for each in error.problems] if isinstance(error, Rejected) else []
             answer = {"ok": False, "error": {"code": error.code, "detail": str(error), "problems": problems}}
         finally:
-            self._freshness.write()
+            await self._freshness.write()
         self._publish("job/answer", {"request": data.get("request", ""), **answer}, retain=False)
 
     def _read(self, payload: bytes, is_retained: bool) -> dict[str, Any]:
@@ -202,7 +202,7 @@ class MqttBridge:
             start = _ORDERS[method] is Method.STORE_AND_START
             job, _ = await self._service.put(caller, data.get("order"), comment, start=start)
         elif method in _METHODS:
-            job = self._service.apply(caller, _METHODS[method], str(data.get("id", "")), comment)
+            job = await self._service.apply(caller, _METHODS[method], str(data.get("id", "")), comment)
         else:
             raise UnknownName(f"there is no method {method!r}; there are: {', '.join([*_ORDERS, *_METHODS])}")
         return {"ok": True, "job": {"state": job.state, "substate": job.substate}, "id": job.id}

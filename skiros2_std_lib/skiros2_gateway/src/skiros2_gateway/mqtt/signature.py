@@ -86,8 +86,10 @@ class Freshness:
             raise Unauthenticated("the command was received before")
         self._seen[signature], self._unwritten[signature] = self._monotonic(), sent
 
-    def write(self) -> None:
-        """Writes the signatures of commands that were accepted, and deletes old ones."""
+    async def write(self) -> None:
+        """Writes the signatures of commands that were accepted, on the disk, and deletes old ones."""
+        if not self._unwritten:
+            return
         now = self._monotonic()
         while self._unwritten:
             signature, sent = self._unwritten.popitem()
@@ -99,6 +101,10 @@ class Freshness:
                 self._store.put_signature(signature, sent, expired)
             except StoreFailed as error:  # robots stop, whatever the disk does
                 log.error("a signature is not written: after a restart its command could come again: %s", error)
+        try:
+            await self._store.synced()
+        except StoreFailed as error:
+            log.error("signatures are lost by a power failure: their commands could come again: %s", error)
 
 
 if __name__ == "__main__":

@@ -227,7 +227,7 @@ class OpcuaServer:
     def _on_method(self, method: Method) -> Callable[..., Coroutine[Any, Any, Any]]:
         async def call(job_id: str, comment: Any = None) -> Any:
             async def carry_out() -> None:
-                self._service.apply(caller, method, job_id, text)
+                await self._service.apply(caller, method, job_id, text)
 
             try:
                 caller, text = _current_caller(), _text(comment)

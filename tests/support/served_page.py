@@ -33,7 +33,7 @@ COUNTERS = {"succeeded": 12, "failed": 1, "oee": 0.81}
 
 
 async def fill(gateway: Any) -> None:
-    """Has jobs end, run and wait; stops a robot, and loses the task manager."""
+    """Has jobs end, run and wait; stops a robot, and loses the task manager, and the world model for a while."""
     gateway.now = 1_795_870_338.0
     for job_id, outcome, message in (
         ("order-1", "succeeded", ""),
@@ -53,6 +53,8 @@ async def fill(gateway: Any) -> None:
     gateway.cell.run("order-4")
     await gateway.put("order-5", work_master="place", parameters={"Tray": "Tray-1"}, priority=3)
     gateway.cell.document.apply(Connection(TASK_MANAGER, "/tm", False, gateway.now, "It has ended with status 1."))
+    lost = {"kind": "connection", "source": "world model", "text": "the connection is lost", "since": gateway.now - 300}
+    gateway.service.alarms.listed({"connection/world model@1": lost})
     state = {"robots": [{**robot, "counters": COUNTERS} for robot in ROBOTS], "ready": True, "capacity": 1}
     gateway.cell.state = lambda: state
 

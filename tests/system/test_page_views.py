@@ -53,22 +53,46 @@ def open_page(browser: Any, address: str) -> Iterator[Any]:  # noqa: F811
 def test_alarms_are_counted_and_acknowledged(open_page: Any) -> None:
     expect = playwright.expect
     viewer, page = open_page("view"), open_page("operate")
-    expect(page).to_have_title("(4) SkiROS2")
+    expect(page).to_have_title("(5) SkiROS2")
     page.click("#alarms")
     dialog = page.locator("dialog[open]")
     kinds = dialog.locator(".approval .chip")
+    latched = dialog.locator(".approval", has_text="world model")
+    expect(latched).to_contain_text(", not acknowledged")
     assert set(kinds.all_inner_texts()) == {"Job failed", "No connection", "Robot stopped", "Approval waits"}
     failed = dialog.locator(".approval", has_text="Job failed")
     expect(failed).to_contain_text("Product-2 has slipped")
-    failed.locator("button").click()
-    expect(page).to_have_title("(3) SkiROS2")
+    failed.locator("[data-action=acknowledge]").click()
+    expect(page).to_have_title("(4) SkiROS2")
     expect(failed).to_contain_text("acknowledged by operate")
-    expect(viewer).to_have_title("(3) SkiROS2")  # of all users
+    expect(viewer).to_have_title("(4) SkiROS2")  # of all users
     page.click("#acknowledge-all")
     expect(page).to_have_title("SkiROS2")
+    expect(latched).to_have_count(0)
     viewer.click("#alarms")
     expect(viewer.locator("dialog[open] .approval")).to_have_count(4)
     expect(viewer.locator("dialog[open] [data-action=acknowledge]:visible")).to_have_count(0)
+
+
+COUNT_TONES = """window.tones = 0;
+const make = AudioContext.prototype.createOscillator;
+AudioContext.prototype.createOscillator = function () { window.tones += 1; return make.call(this); };"""
+
+
+def test_alarms_sound_until_the_sound_is_switched_off(open_page: Any) -> None:
+    expect, page = playwright.expect, open_page("operate")
+    page.context.add_init_script(COUNT_TONES)
+    for is_on in (True, False):
+        page.reload()
+        page.click("#user")
+        page.click("#logout")
+        page.fill("#token", TOKENS["operate"])
+        page.click("#login")
+        expect(page).to_have_title("(5) SkiROS2")
+        assert bool(page.evaluate("window.tones")) == is_on
+        page.click("#alarms")
+        expect(page.locator("#alarm-sound")).to_be_checked(checked=is_on)
+        page.uncheck("#alarm-sound")
 
 
 def test_answered_request_is_no_alarm_any_more(open_page: Any) -> None:
@@ -76,7 +100,7 @@ def test_answered_request_is_no_alarm_any_more(open_page: Any) -> None:
     page.click("#approvals")
     playwright.expect(page.locator("dialog[open]")).to_contain_text("due at noon")
     page.click("dialog[open] [data-action=reject]")
-    playwright.expect(page).to_have_title("(3) SkiROS2")
+    playwright.expect(page).to_have_title("(4) SkiROS2")
 
 
 def test_job_is_found_and_opened(open_page: Any) -> None:
@@ -138,6 +162,10 @@ def test_axe_has_no_findings_in_any_view(open_page: Any, size: str) -> None:
     check("details of a job")
     for name in ("job-details", "jobs"):
         page.click(f"#close-{name}")
+    page.click("#user")
+    page.wait_for_selector(".sessions li")
+    check("account")
+    page.click("#close-account")
     page.click("#new-job")
     check("new job")
     page.click("dialog[open] button:text-is('Cancel')")

@@ -7,11 +7,12 @@ from collections.abc import Callable
 from contextlib import asynccontextmanager
 from typing import Any
 
+from skiros2_gateway.core.job import Method
 from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.http.alarms import alarms_router
 from skiros2_live.core.patch import TASK_MANAGER, Connection
 from support.http_gateway import curl, served
-from unit.skiros2_gateway.conftest import TOKENS
+from unit.skiros2_gateway.conftest import OPERATOR, TOKENS
 
 Run = Callable[..., None]
 
@@ -35,7 +36,7 @@ async def kinds(view: LiveView, count: int) -> dict[str, str]:
     return {alarm["source"]: alarm["kind"] for alarm in view.alarms.values()}
 
 
-def test_what_needs_a_person_is_an_alarm_until_it_is_over(in_gateway: Run) -> None:
+def test_alarm_latches_until_its_cause_is_over_and_it_is_acknowledged(in_gateway: Run) -> None:
     async def test(gateway: Any) -> None:
         async with followed(gateway) as view:
             for job_id, outcome in (("good", "succeeded"), ("bad", "failed"), ("unwanted", "cancelled")):
@@ -50,11 +51,72 @@ def test_what_needs_a_person_is_an_alarm_until_it_is_over(in_gateway: Run) -> No
             assert await kinds(view, 3) == {"bad": "job", TASK_MANAGER: "connection", "/robot": "robot"}
             texts = {alarm["text"] for alarm in view.alarms.values()}
             assert {"the gripper is empty", "protective stop: light curtain"} <= texts
+            stopped = next(alarm_id for alarm_id, alarm in view.alarms.items() if alarm["kind"] == "robot")
+            await gateway.service.acknowledge(OPERATOR, [stopped], view.alarms)
             gateway.cell.document.apply(down.updated(True))
             gateway.events.publish("cell", {"robots": [{**robot, "state": "idle"}]})
-            assert await kinds(view, 1) == {"bad": "job"}
-            gateway.service.control.apply("Clear", "bad", "test")
+            assert await kinds(view, 2) == {"bad": "job", TASK_MANAGER: "connection"}
+            gateway.service.control.apply(Method.CLEAR, "bad", "test")
+            await cleared(view, 2)
+            await gateway.service.acknowledge(OPERATOR, list(view.alarms), view.alarms)
             assert await kinds(view, 0) == {}
+
+    in_gateway(test)
+
+
+async def cleared(view: LiveView, count: int) -> None:
+    """Waits until the causes of `count` alarms, of all that there are, have gone away."""
+    while ["cleared" in alarm for alarm in view.alarms.values()] != count * [True]:
+        await asyncio.sleep(0.01)
+
+
+def test_latched_alarm_survives_restarts_and_is_one_with_the_next_of_its_source(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        robot = {"name": "/robot", "state": "protective_stop", "reason": "light curtain", "since": 7.0}
+        async with followed(gateway) as view:
+            gateway.events.publish("cell", {"robots": [robot]})
+            await kinds(view, 1)
+        gateway.restart()
+        async with followed(gateway) as view:  # the robot went on while there was no gateway
+            gateway.events.publish("cell", {"robots": [{**robot, "state": "idle"}]})
+            await cleared(view, 1)
+            first = dict(view.alarms)
+        gateway.restart()
+        async with followed(gateway) as view:
+            await cleared(view, 1)
+            assert view.alarms == first
+            gateway.events.publish("cell", {"robots": [{**robot, "since": 9.0}]})
+            while "robot/robot@9.00" not in view.alarms:
+                await asyncio.sleep(0.01)
+            assert list(view.alarms) == ["robot/robot@9.00"]
+            assert "cleared" not in view.alarms["robot/robot@9.00"]
+
+    in_gateway(test)
+
+
+def test_part_that_has_not_answered_yet_is_no_alarm_once_it_answers(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with followed(gateway) as view:
+            part = Connection(TASK_MANAGER, "/tm", False, 0.0)
+            gateway.cell.document.apply(part)
+            await kinds(view, 1)
+            gateway.cell.document.apply(part.updated(True))
+            assert await kinds(view, 0) == {}
+
+    in_gateway(test)
+
+
+def test_alarms_of_jobs_stay_when_newer_jobs_take_their_place_in_the_page(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with followed(gateway) as view:
+            for number in range(60):  # more than the page has
+                await gateway.put(f"bad-{number}")
+                gateway.cell.run(f"bad-{number}")
+                gateway.cell.end(f"bad-{number}", "failed", "slipped")
+                await gateway.collected(f"bad-{number}")
+                await asyncio.sleep(0)
+            assert len(await kinds(view, 60)) == 60
+            assert not [alarm for alarm in view.alarms.values() if "cleared" in alarm]
 
     in_gateway(test)
 

@@ -1,5 +1,6 @@
 // The page: panels, their choice, the login, and one drawing for all changes of a moment.
 
+import { openAccount } from "./account.js";
 import { AlarmsView } from "./alarms.js";
 import { ApprovalsView } from "./approvals.js";
 import { Cell, notify, request } from "./cell.js";
@@ -107,7 +108,7 @@ setInterval(() => {
 // -- the header and the choice of panels ------------------------------------------------------------------------------
 
 const connection = h("span", { class: "chip", id: "connection" });
-const user = h("button", { class: "small", onclick: logout, title: "Log out" });
+const user = h("button", { class: "small", id: "user", onclick: () => openAccount(cell), title: "The user, with the role; opens sessions and the logout" });
 const stop = h("button", { class: "small stop", id: "stop-all", onclick: () => notify(commandRobots(cell, "stop")) }, "Stop all tasks");
 const theme = h("button", { class: "small", title: "Dark or light", "aria-label": "Dark or light", onclick: () => setTheme(isDark() ? "light" : "dark") }, "◐");
 document.getElementById("header").append(h("h1", {}, "SkiROS2"), connection, h("span", { class: "grow" }), alarms.button, approvals.button, stop, user, theme);
@@ -117,7 +118,7 @@ function showConnection() {
   connection.className = `chip ${role} ${cell.connection}`;
   setText(connection, word || `no data for ${Math.floor(cell.silence)} s, reconnecting…`);
   document.body.classList.toggle("stale", cell.connection === "lost" || cell.connection === "silent");
-  setText(user, cell.user);
+  setText(user, cell.user === cell.role ? cell.user : `${cell.user} (${cell.role})`);
   user.hidden = !cell.user;
   stop.hidden = !cell.mayCommand;
 }
@@ -180,11 +181,6 @@ cell.addEventListener("denied", () => {
   document.body.append(dialog);
   dialog.showModal();
 });
-
-async function logout() {
-  await notify(request("/api/session", undefined, "DELETE"));
-  location.reload();
-}
 
 showConnection();
 cell.connect();

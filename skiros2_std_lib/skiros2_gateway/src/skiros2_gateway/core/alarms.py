@@ -1,20 +1,28 @@
-"""Alarms: what in the cell needs a person, until it is over or removed.
+"""Alarms: what in the cell needs a person.
 
-An alarm is {kind, source, text, since, acknowledged}: `kind` is job, connection, robot or approval, `source` the id or
-name, `since` in s since the epoch, `acknowledged` {user, time} or missing. Its id names the occurrence, such as
-`robot/arm@1795870338.17`: when a robot stops again, that is another alarm.
+An alarm is {kind, source, text, since, acknowledged, cleared}: `kind` is job, connection, robot or approval, `source`
+the id or name, `since` in s since the epoch, `acknowledged` {user, time} or missing, `cleared` when its cause went away
+(s since the epoch), or missing. Its id names the occurrence, such as `robot/arm@1795870338.17`.
+
+Alarms latch: one whose cause has gone away is listed until a person acknowledges it, also after restarts. If the robot
+stops again meanwhile, the new alarm takes the place of that one. An approval does not latch: it was answered, or has
+ended; nor does a part that has not answered yet when the gateway starts.
 """
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName
 from skiros2_gateway.core.cell import CANCELLED, REACHED
+from skiros2_gateway.core.problems import StoreFailed
 from skiros2_gateway.core.store import JobStore
 from skiros2_live.core.robots import BUSY, IDLE, PAUSED
+
+log = logging.getLogger(__name__)
 
 #: The tables of the live view's document that alarms are made of.
 TABLES = frozenset(("jobs", "connections", "cell", "approvals"))
@@ -23,19 +31,19 @@ TABLES = frozenset(("jobs", "connections", "cell", "approvals"))
 _FINE = frozenset(("", CANCELLED, *REACHED))
 
 
-def alarms_of(document: Mapping[str, Any], acknowledged: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Returns the alarms by id.
+#: The latched alarms that are kept, the newest.
+_MAX_LATCHED = 200
+
+
+def alarms_of(document: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Returns the alarms by id whose causes are there.
 
     :param document: of the live view.
-    :param acknowledged: {user, time} by the ids of alarms.
     """
-    found = {}
-    for kind, source, text, since in _found(document):
-        alarm_id = f"{kind}/{source.lstrip('/')}@{since:.2f}"
-        found[alarm_id] = {"kind": kind, "source": source, "text": text, "since": since}
-        if alarm_id in acknowledged:
-            found[alarm_id]["acknowledged"] = dict(acknowledged[alarm_id])
-    return found
+    return {
+        f"{kind}/{source.lstrip('/')}@{since:.2f}": {"kind": kind, "source": source, "text": text, "since": since}
+        for kind, source, text, since in _found(document)
+    }
 
 
 def _found(document: Mapping[str, Any]) -> Iterator[tuple[str, str, str, float]]:
@@ -55,17 +63,16 @@ def _found(document: Mapping[str, Any]) -> Iterator[tuple[str, str, str, float]]
         yield "approval", approval_id, f"{approval['user']} asks for an approval", approval["created"]
 
 
-class Acknowledged:
-    """The alarms that a person has acknowledged; they are kept in the store. To be used in the gateway's loop.
-
-    :ivar entries: {user, time} by the ids of alarms.
-    """
+class Alarms:
+    """The alarms that were acknowledged, and those that wait for it; the store keeps both. For the gateway's loop."""
 
     def __init__(self, store: JobStore) -> None:
         self._store = store
-        self.entries = store.acknowledged()
+        self._acknowledged = store.acknowledged()
+        self._latched = store.latched()
+        self._written = dict(self._latched)
 
-    def add(self, alarms: Collection[str], known: Collection[str], user: str) -> None:
+    def acknowledge(self, alarms: Collection[str], known: Collection[str], user: str) -> None:
         """Acknowledges alarms.
 
         :raises UnknownName: one of them is not among the known ones. Nothing has changed.
@@ -73,6 +80,46 @@ class Acknowledged:
         """
         if unknown := sorted(set(alarms) - set(known)):
             raise UnknownName(f"there is no alarm {unknown[0]!r}")
-        new = {each: {"user": user, "time": time.time()} for each in alarms if each not in self.entries}
+        new = {each: {"user": user, "time": time.time()} for each in alarms if each not in self._acknowledged}
         self._store.put_acknowledged(new)
-        self.entries.update(new)
+        self._acknowledged.update(new)
+
+    def listed(self, found: Mapping[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+        """Returns the alarms to be listed by id, and latches new ones.
+
+        :param found: see `alarms_of`.
+        """
+        sources = {(alarm["kind"], alarm["source"]) for alarm in found.values()}
+        latched = {}
+        for alarm_id, alarm in {**self._latched, **found}.items():
+            if alarm_id in self._acknowledged:
+                continue
+            if alarm_id in found:
+                if alarm["kind"] != "approval" and alarm["since"]:
+                    latched[alarm_id] = alarm
+            elif (alarm["kind"], alarm["source"]) not in sources:
+                is_kept = "cleared" in alarm or alarm["kind"] == "job"  # of jobs see `job_was_cleared`
+                latched[alarm_id] = alarm if is_kept else {**alarm, "cleared": time.time()}
+        newest = sorted(latched, key=lambda each: float(latched[each]["since"]))[-_MAX_LATCHED:]
+        self._latched = {alarm_id: latched[alarm_id] for alarm_id in newest}
+        self._write()
+        return {**self._latched, **{alarm_id: self._with_user(alarm_id, alarm) for alarm_id, alarm in found.items()}}
+
+    def job_was_cleared(self, job_id: str) -> None:
+        """Notes that a job was removed from the list: others may leave the page's document before."""
+        for alarm_id, alarm in self._latched.items():
+            if (alarm["kind"], alarm["source"]) == ("job", job_id) and "cleared" not in alarm:
+                self._latched[alarm_id] = {**alarm, "cleared": time.time()}
+
+    def _with_user(self, alarm_id: str, alarm: dict[str, Any]) -> dict[str, Any]:
+        acknowledged = self._acknowledged.get(alarm_id)
+        return alarm if acknowledged is None else {**alarm, "acknowledged": dict(acknowledged)}
+
+    def _write(self) -> None:
+        if self._latched == self._written:
+            return
+        try:
+            self._store.put_latched(self._latched)
+            self._written = dict(self._latched)
+        except StoreFailed as error:
+            log.error("the alarms are written with the next one: %s", error)

@@ -30,7 +30,7 @@ from typing import Any, Protocol
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.names import nearest
 from skiros2_gateway.core.alarms import TABLES as ALARM_TABLES
-from skiros2_gateway.core.alarms import alarms_of
+from skiros2_gateway.core.alarms import Alarms, alarms_of
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job import BEFORE, FINAL
 from skiros2_gateway.core.patch import apply_patch, merge_patch, without_none
@@ -113,7 +113,7 @@ class LiveView:
         self._waiting: set[str] = set()  # the jobs in the document that have not started
         self._hidden: set[str] = set()  # others
         self._ended: dict[str, None] = {}  # the ended jobs in the document, the oldest first
-        self._acknowledged: Mapping[str, Mapping[str, Any]] = {}
+        self._alarms: Alarms | None = None  # before it follows
         self._has_alarm_change = False
         cell.subscribe(Recorded, self._on_progress)
         cell.subscribe(RunsLost, lambda lost: self._show_runs(lost.runs))
@@ -135,7 +135,7 @@ class LiveView:
 
     async def follow(self, service: Service) -> None:
         """Follows the jobs, and the state of the cell, until it is cancelled."""
-        self._acknowledged = service.acknowledged.entries
+        self._alarms = service.alarms
         while True:
             after = service.events.last_id
             for job in [*reversed(list(service.store.jobs(limit=_MAX_JOBS))), *service.control.open_jobs]:
@@ -226,6 +226,10 @@ class LiveView:
     def put_job(self, job: Mapping[str, Any]) -> None:
         """Updates a job. The document has a limited number of waiting jobs: its cost does not grow with the queue."""
         job_id, is_cleared = str(job["id"]), bool(job["cleared"])
+        if is_cleared and self._alarms is not None:
+            self._alarms.job_was_cleared(job_id)
+            self._has_alarm_change = True
+            self._schedule()
         is_waiting = not is_cleared and job["state"] in BEFORE
         if is_waiting and job_id not in self._waiting and len(self._waiting) >= _MAX_WAITING:
             self._hidden.add(job_id)
@@ -289,7 +293,8 @@ class LiveView:
 
     def _show_alarms(self) -> None:
         self._has_alarm_change = False
-        self.replace("alarms", alarms_of(self._document, self._acknowledged))
+        found = alarms_of(self._document)
+        self.replace("alarms", found if self._alarms is None else self._alarms.listed(found))
 
     def _forget(self) -> None:
         """Removes runs that are no longer kept, and the trees of older ones."""

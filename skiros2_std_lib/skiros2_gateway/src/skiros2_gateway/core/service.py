@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_gateway.core.access import Access, Caller, Role, User
-from skiros2_gateway.core.alarms import Acknowledged
+from skiros2_gateway.core.alarms import Alarms
 from skiros2_gateway.core.approvals import Approvals, Request
 from skiros2_gateway.core.deadline import check_deadline
 from skiros2_gateway.core.events import EventStream
@@ -52,7 +52,7 @@ class Service:
         self.events = events
         self.sessions = Sessions(store, access)
         self.keys = Keys(store)
-        self.acknowledged = Acknowledged(store)
+        self.alarms = Alarms(store)
         self._waiting: Counter[tuple[str, str]] = Counter()
         self.approvals = approvals or Approvals(events)
 
@@ -177,9 +177,9 @@ class Service:
         self.access.record(caller, action, thing, "done")
 
     async def acknowledge(self, caller: Caller, alarms: Collection[str], known: Collection[str]) -> None:
-        """Notes that a caller has seen alarms; see `Acknowledged.add`."""
+        """Notes that a caller has seen alarms; see `Alarms.acknowledge`."""
         with self.audited(caller, "acknowledge alarms", " ".join(alarms)[:200]):
-            self.acknowledged.add(alarms, known, caller.user)
+            self.alarms.acknowledge(alarms, known, caller.user)
             await self.store.synced()
         self.events.publish("alarm", {"acknowledged": list(alarms), "user": caller.user})
 

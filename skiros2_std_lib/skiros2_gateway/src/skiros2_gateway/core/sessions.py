@@ -44,7 +44,8 @@ class Session:
 
     def to_dict(self) -> dict[str, Any]:
         """Returns the session as JSON data."""
-        return {"id": self.id, "user": self.caller.user, "address": self.address, "created": self.created}
+        ends = self.created + MAX_AGE
+        return {"id": self.id, "user": self.caller.user, "address": self.address, "created": self.created, "ends": ends}
 
 
 class Sessions:

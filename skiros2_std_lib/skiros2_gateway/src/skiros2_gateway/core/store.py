@@ -43,6 +43,7 @@ CREATE TABLE IF NOT EXISTS keys (
     answer TEXT NOT NULL, UNIQUE (user, key));
 CREATE TABLE IF NOT EXISTS signatures (signature TEXT PRIMARY KEY, sent REAL NOT NULL);
 CREATE TABLE IF NOT EXISTS acknowledged (alarm TEXT PRIMARY KEY, user TEXT NOT NULL, time REAL NOT NULL);
+CREATE TABLE IF NOT EXISTS latched (alarm TEXT PRIMARY KEY, document TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS figures (
     hour INTEGER NOT NULL, robot TEXT NOT NULL, kind TEXT NOT NULL, name TEXT NOT NULL, value REAL NOT NULL,
     PRIMARY KEY (hour, robot, kind, name)) WITHOUT ROWID;
@@ -357,9 +358,19 @@ class JobStore:
 
     def put_acknowledged(self, alarms: Mapping[str, Mapping[str, Any]]) -> None:
         """Writes entries as of `acknowledged`."""
+        rows = [(alarm, entry["user"], entry["time"]) for alarm, entry in alarms.items()]
         with self._transaction() as db:
-            rows = [(alarm, entry["user"], entry["time"]) for alarm, entry in alarms.items()]
             db.executemany("INSERT OR REPLACE INTO acknowledged VALUES (?, ?, ?)", rows)
+
+    def latched(self) -> dict[str, dict[str, Any]]:
+        """Returns the alarms by id that wait to be acknowledged; see `skiros2_gateway.core.alarms`."""
+        return {alarm: json.loads(text) for alarm, text in self._read("SELECT alarm, document FROM latched")}
+
+    def put_latched(self, alarms: Mapping[str, Mapping[str, Any]]) -> None:
+        """Replaces the entries of `latched`."""
+        with self._transaction() as db:
+            db.execute("DELETE FROM latched")
+            db.executemany("INSERT INTO latched VALUES (?, ?)", [(each, json_text(alarms[each])) for each in alarms])
 
     # -- figures -----------------------------------------------------------------------------------------------
 
@@ -388,13 +399,11 @@ class JobStore:
 
     def failures(self, begin: float, end: float, limit: int = 20) -> list[tuple[str, int]]:
         """Returns the most frequent messages of jobs that have failed between two times, and how many have each."""
-        return self._read(
+        query = (
             "SELECT json_extract(document, '$.response.message'), COUNT(*) FROM jobs WHERE ended >= ? AND ended < ?"
-            " AND outcome NOT IN ('succeeded', 'nothing_to_do', 'cancelled') GROUP BY 1 ORDER BY 2 DESC, 1 LIMIT ?",
-            begin,
-            end,
-            limit,
+            " AND outcome NOT IN ('succeeded', 'nothing_to_do', 'cancelled') GROUP BY 1 ORDER BY 2 DESC, 1 LIMIT ?"
         )
+        return self._read(query, begin, end, limit)
 
     # -- internals ---------------------------------------------------------------------------------------------
 

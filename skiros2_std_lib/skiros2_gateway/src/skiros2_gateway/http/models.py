@@ -31,12 +31,13 @@ class LoggedIn(BaseModel):
 
 
 class Session(BaseModel):
-    """A session of the page. `created` in s since the epoch."""
+    """A session of the page. Times in s since the epoch."""
 
     id: str
     user: str
     address: str
     created: float
+    ends: float
     is_own: bool
 
 
@@ -268,6 +269,7 @@ class Alarm(BaseModel):
     text: str
     since: float
     acknowledged: Acknowledgement | None = None
+    cleared: float | None = Field(None, description="when its cause went away (s since the epoch)")
 
 
 class Alarms(BaseModel):

@@ -42,7 +42,7 @@ def test_a_study_is_run_shown_reported_replayed_and_resumed(
     assert f"chosen: evaluation {number}; the skill has no defaults to compare with" in output
     assert main(["report", study]) == 0
     report = (tmp_path / "study/report.html").read_text()
-    for part in ("Validation", "Pareto-optimal", "Convergence", "Importance", "image/png"):
+    for part in ("Validation", "Pareto-optimal", "Progress", "Importance", "image/png"):
         assert part in report
     capsys.readouterr()
     assert main(["replay", study, "4"]) == 0

@@ -102,12 +102,12 @@ def read_study(folder: Path) -> StudyView:
     """
     study = _open(folder)
     from skiros2_learning.core import report
+    from skiros2_learning.core.pictures import draw_pictures
     from skiros2_learning.core.validation import stored_validation, validation_lines
 
     ranked = study.ranked()  # before the results, since other processes add some meanwhile
     results = study.results()
     optimal = study.best(results)
-    complete = {number: result for number, result in results.items() if not result.error}
     objectives = [objective.name for objective in study.scenario.objectives]
     names = [variable.name for variable in study.scenario.variables]
     rows = []
@@ -116,16 +116,7 @@ def read_study(folder: Path) -> StudyView:
         values = [f"{result.objectives[name]:.4g}" for name in objectives]
         values += [report.format_value(result.configuration[name]) for name in names]
         rows.append(Configuration(number, report.search_share(result), number in optimal, tuple(values)))
-    figures: dict[str, Any] = {}
-    if complete:
-        if len(objectives) == 2:
-            figures["Pareto front"] = report.pareto_front(study.scenario, complete, optimal)
-        figures["Convergence"] = report.convergence({study.scenario.name: results})
-        figures["Spread"] = report.spread(study.scenario, complete, optimal)
-        if len(complete) >= report.LEAST_FOR_IMPORTANCE:
-            figures["Importance"] = report.importance(study)
-        figures["Configurations"] = report.configurations(study.scenario, complete)
-    pictures = {title: _png(figure) for title, figure in figures.items()}
+    pictures = {title: _png(figure) for title, figure in draw_pictures(study).items()}
     found = stored_validation(study)
     text = f"not validated: the rates are optimistic; run: learn validate {folder}"
     lines = (text,) if found is None else tuple(validation_lines(study.scenario, found))

@@ -140,7 +140,7 @@ class _Run:
 
     def _run(self, study: LearningStudy) -> LearningStudy:
         with study.running():
-            Runner(study, self._options.workers, Progress(study)).run()
+            Runner(study, self._options.workers, Progress(study, every=10)).run()
         return study
 
     # -- proofs ------------------------------------------------------------------------------------------------------

@@ -25,10 +25,15 @@ _COST_NUMBER = 2_000_000
 
 
 class Progress:
-    """Prints a line after each evaluation: number, rate, time left, success, and the best so far."""
+    """Prints a line after each evaluation: number, rate, time left, success, and the best so far.
 
-    def __init__(self, study: LearningStudy) -> None:
+    :param every: prints one of this number of evaluations, the last one, and each that raises the best success rate.
+    """
+
+    def __init__(self, study: LearningStudy, every: int = 1) -> None:
         self._study = study
+        self._every = every
+        self._best = 0.0
         self._times = [time.monotonic()]
 
     def __call__(self, number: int, result: Evaluation) -> None:
@@ -36,6 +41,9 @@ class Progress:
         rate = (len(self._times) - 1) / max(1e-3, self._times[-1] - self._times[0])
         done, budget = self._study.counted, self._study.scenario.budget.evaluations
         best = max((each.success_rate for each in self._study.results().values()), default=0.0)
+        if done % self._every and done < budget and best <= self._best:
+            return
+        self._best = best
         left = (budget - done) / rate
         sys.stdout.write(
             f"[{done}/{budget}] {rate:.2f}/s, {left:.0f} s left, best success {best:.0%} | {number}: "

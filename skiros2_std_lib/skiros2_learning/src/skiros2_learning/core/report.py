@@ -3,33 +3,24 @@
 from __future__ import annotations
 
 import base64
-import functools
 import html
 import io
-import math
-import warnings
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
-
-import numpy as np
-import optuna
 from matplotlib.figure import Figure
 
 from skiros2_common.core.errors import SkirosError
-from skiros2_learning.core.evaluation import Evaluation, find_quantities
+from skiros2_learning.core.evaluation import Evaluation, find_quantities, seed_of
+from skiros2_learning.core.pictures import draw_pictures
 from skiros2_learning.core.scenario import Scenario
-from skiros2_learning.core.study import LearningStudy
-from skiros2_learning.core.validation import share_text, stored_validation, validation_lines
+from skiros2_learning.core.study import SCENARIO_FILE, LearningStudy
+from skiros2_learning.core.validation import sample_text, stored_validation, validation_lines
 from skiros2_learning.core.variables import Value
+from skiros2_learning.core.versions import versions_of
 
 #: Configurations in the table of the report.
 _ROWS = 15
-#: Evaluations from which on the importance of the parameters is estimated.
-LEAST_FOR_IMPORTANCE = 10
 
 
 def write_report(
@@ -43,21 +34,13 @@ def write_report(
     :param pictures: more pictures, by title.
     """
     results = study.results()
-    sections = [_overview(study, results), _validation(study), _table(study, results)]
-    complete = {number: result for number, result in results.items() if not result.error}
-    if complete:
-        titled = {"this study": study, **(others or {})}
-        sections.append(_picture("Convergence", convergence({title: each.results() for title, each in titled.items()})))
-        best = study.best(complete)
-        if len(study.scenario.objectives) == 2:
-            sections.append(_picture("Pareto front", pareto_front(study.scenario, complete, best)))
-        sections.append(_picture("Spread of the best configurations", spread(study.scenario, complete, best)))
-        sections.append(_picture("Configurations", configurations(study.scenario, complete)))
-        if len(complete) >= LEAST_FOR_IMPORTANCE:
-            sections.append(_picture("Importance of the parameters", importance(study)))
-    sections += [_picture(title, figure) for title, figure in (pictures or {}).items()]
+    sections = [_overview(study, results), _chosen(study), _validation(study), _table(study, results)]
+    drawn = {**draw_pictures(study, others), **(pictures or {})}
+    sections += [_picture(title, figure) for title, figure in drawn.items()]
     sections.append(_randomisation(study.scenario))
-    sections.append(f"<h2>Scenario</h2><pre>{html.escape(study.scenario.source)}</pre>")
+    sections.append(_repetition(study))
+    source = html.escape(study.scenario.source)
+    sections.append(f"<details><summary>Scenario</summary><pre>{source}</pre></details>")
     target = study.folder / "report.html"
     title = html.escape(f"Study {study.scenario.name}")
     target.write_text(
@@ -110,106 +93,61 @@ def format_value(value: Value) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-# -- pictures ----------------------------------------------------------------------------------------------------------
-
-
-def convergence(studies: dict[str, dict[int, Evaluation]]) -> Figure:
-    """Draws the best success rate so far over the number of evaluations, one line per study."""
-    figure = Figure(figsize=(7, 3.2), layout="constrained")
-    axes = figure.add_subplot()
-    for title, results in studies.items():
-        rates = [results[number].success_rate for number in sorted(results)]
-        axes.step(range(1, len(rates) + 1), np.maximum.accumulate(rates) if rates else [], where="post", label=title)
-    axes.set(xlabel="evaluations", ylabel="best success rate so far", ylim=(-0.03, 1.03))
-    axes.legend()
-    return figure
-
-
-def pareto_front(scenario: Scenario, results: dict[int, Evaluation], best: list[int]) -> Figure:
-    """Draws all evaluations by their two objectives, coloured by success rate, and the front."""
-    figure = Figure(figsize=(7, 4), layout="constrained")
-    axes = figure.add_subplot()
-    one, two = (objective.name for objective in scenario.objectives)
-    points = np.array([[r.objectives[one], r.objectives[two]] for r in results.values()])
-    shown = axes.scatter(points[:, 0], points[:, 1], c=[r.success_rate for r in results.values()], vmin=0, vmax=1, s=18)
-    front = np.array(sorted([results[number].objectives[one], results[number].objectives[two]] for number in best))
-    if best:  # else none is feasible
-        axes.step(front[:, 0], front[:, 1], where="post" if _same_sense(scenario) else "pre", color="tab:red", lw=1)
-    for number in best:
-        values = results[number].objectives
-        axes.annotate(str(number), (values[one], values[two]), fontsize=8, textcoords="offset points", xytext=(3, 3))
-    senses = [f"{objective.name} ({objective.sense})" for objective in scenario.objectives]
-    axes.set(xlabel=senses[0], ylabel=senses[1])
-    figure.colorbar(shown, label="success rate")
-    return figure
-
-
-def spread(scenario: Scenario, results: dict[int, Evaluation], best: list[int]) -> Figure:
-    """Draws the objectives of each repetition of the best configurations: how much randomisation changes them."""
-    figure = Figure(figsize=(7, 2.6 * len(scenario.objectives)), layout="constrained")
-    chosen = best[:_ROWS]
-    for row, objective in enumerate(scenario.objectives):
-        axes = figure.add_subplot(len(scenario.objectives), 1, row + 1)
-        for place, number in enumerate(chosen):
-            repetitions = results[number].repetitions
-            colours = ["tab:green" if each.is_success else "tab:red" for each in repetitions]
-            values = [each.objectives[objective.name] for each in repetitions]
-            axes.scatter([place] * len(values), values, c=colours, s=16)
-        axes.set(ylabel=objective.name, xlabel="evaluation (green: success)")
-        axes.set_xticks(range(len(chosen)), [str(number) for number in chosen])
-    return figure
-
-
-def configurations(scenario: Scenario, results: dict[int, Evaluation]) -> Figure:
-    """Draws the success rate over each variable."""
-    variables = scenario.variables
-    columns = min(4, len(variables))
-    rows = math.ceil(len(variables) / columns)
-    figure = Figure(figsize=(2.4 * columns, 2.4 * rows), layout="constrained")
-    for index, variable in enumerate(variables):
-        axes = figure.add_subplot(rows, columns, index + 1)
-        values = [result.configuration[variable.name] for result in results.values()]
-        shown = [str(value) for value in values] if variable.kind == "categorical" else values
-        axes.scatter(shown, [result.success_rate for result in results.values()], s=10, alpha=0.6)
-        unit = f" ({variable.unit})" if variable.unit else ""
-        axes.set(xlabel=f"{variable.name}{unit}", ylim=(-0.05, 1.05))
-    return figure
-
-
-def importance(study: LearningStudy) -> Figure:
-    """Draws the importance of the variables for each objective (fANOVA, by Optuna)."""
-    figure = Figure(figsize=(7, 2.6), layout="constrained")
-    axes = figure.add_subplot()
-    names = [variable.name for variable in study.scenario.variables]
-    height = 0.8 / len(study.scenario.objectives)
-    evaluator = optuna.importance.FanovaImportanceEvaluator(seed=0)
-    for index, objective in enumerate(study.scenario.objectives):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-            try:
-                target = functools.partial(_value_of, index=index)
-                found = optuna.importance.get_param_importances(study.optuna, evaluator=evaluator, target=target)
-            except (ValueError, RuntimeError):  # all values of the objective are equal
-                found = {}
-        places = np.arange(len(names)) + index * height
-        axes.barh(places, [found.get(name, 0.0) for name in names], height, label=objective.name)
-    axes.set_yticks(np.arange(len(names)) + 0.4 - height / 2, names)
-    axes.set(xlabel="importance")
-    axes.legend()
-    return figure
-
-
 # -- text --------------------------------------------------------------------------------------------------------------
 
 _STYLE = (
-    "body{font-family:sans-serif;max-width:60em;margin:2em auto}table{border-collapse:collapse}"
-    "td,th{padding:.2em .7em;border-bottom:1px solid #ccc;text-align:right}pre{background:#f4f4f4;padding:1em}"
-    "img{max-width:100%}"
+    "body{font-family:sans-serif;max-width:60em;margin:2em auto;padding:0 1em;line-height:1.4}"
+    "table{border-collapse:collapse;font-size:90%}div{overflow-x:auto}"
+    "td,th{padding:.2em .7em;border-bottom:1px solid #ccc;text-align:right;white-space:nowrap}"
+    "td:first-child,th:first-child{text-align:left;padding-left:0}pre{background:#f4f4f4;padding:1em;overflow-x:auto}"
+    "img{max-width:100%}figcaption,.hint{color:#555;font-size:90%}figure{margin:0}"
 )
+#: What the pictures show, by title.
+_CAPTIONS = {
+    "Progress": "Dots: evaluations; lines: the best feasible one so far. The rates of the search are optimistic. The "
+    "hypervolume is a part of the box between the best and the worst objectives of the feasible evaluations.",
+    "Pareto front": "Means over the repetitions of each evaluation.",
+    "Spread over repetitions": "The validated configurations with new draws, and the best evaluations of the search.",
+    "Parameters and results": "Dots: evaluations. Lines: partial dependence, the mean over all evaluations if "
+    "only this parameter were another one, with the deviation of the model. Outliers are at the edge.",
+    "Priors and good values": "Density of each prior, and the values that were good.",
+}
 
 
-def _value_of(trial: optuna.trial.FrozenTrial, index: int) -> float:
-    return float(trial.values[index])
+def _rows(head: Sequence[object], rows: Iterable[Sequence[object]]) -> str:
+    """Returns a table."""
+    cells = ["".join(f"<td>{html.escape(str(cell))}</td>" for cell in row) for row in (head, *rows)]
+    body = "".join(f"<tr>{row}</tr>" for row in (cells[0].replace("td>", "th>"), *cells[1:]))
+    return f"<div><table>{body}</table></div>"
+
+
+def _chosen(study: LearningStudy) -> str:
+    """The result: the configuration that the validation has chosen, or a hint."""
+    found = stored_validation(study)
+    if found is None:
+        return ""
+    sample, unit = found.decided, {variable.name: variable.unit for variable in study.scenario.variables}
+    values = [f"{format_value(value)} {unit.get(name, '')}".strip() for name, value in sample.configuration.items()]
+    compared = [each for each in (found.learned, found.defaults) if each is not None]
+    items = (
+        f"<li>{html.escape(f'{each.name}: {sample_text(study.scenario.objectives, each)}')}</li>" for each in compared
+    )
+    text = f"<p>{html.escape(found.verdict)}.</p><ul>{''.join(items)}</ul>"
+    return f"<h2>Result</h2>{text}{_rows(list(sample.configuration), [values])}"
+
+
+def _repetition(study: LearningStudy) -> str:
+    """How to repeat the study: commands, seeds, versions."""
+    scenario = study.scenario
+    seeds = f"The seed of the study is {scenario.seed}; that of evaluation N is {seed_of(scenario, 0)} + N."
+    commands = [
+        f"learn replay {study.folder} N  # an evaluation again, and whether the result is the same",
+        f"learn run {study.folder / SCENARIO_FILE} --study OTHER  # the whole study",
+    ]
+    versions = [", ".join(f"{name} {version}" for name, version in each.items()) for each in versions_of(study)]
+    text = "".join(f"<p>Run with {html.escape(each)}.</p>" for each in versions)
+    hint = "A study with one process is the same again; with several, the order in which evaluations end differs."
+    return f"<h2>To repeat it</h2><p>{seeds} {hint}</p>{text}<pre>{html.escape(chr(10).join(commands))}</pre>"
 
 
 def _overview(study: LearningStudy, results: dict[int, Evaluation]) -> str:
@@ -231,17 +169,17 @@ def _validation(study: LearningStudy) -> str:
         return "<h2>Validation</h2><p>This study is not validated: the rates below are optimistic.</p>"
     objectives = study.scenario.objectives
     names = [variable.name for variable in study.scenario.variables]
-    rows = [["configuration", "draws", "success", *(objective.name for objective in objectives), *names]]
+    head = ["configuration", "draws", "success", *(objective.name for objective in objectives), *names]
+    rows = []
     proof = [("proof", each) for each in (found.learned, found.defaults) if each is not None]
     for draws, sample in [*proof, *(("choice", each) for each in found.candidates)]:
         intervals = [sample.objective(objective.name) for objective in objectives]
         cells = [f"{each.estimate:.4g} ({each.low:.4g} to {each.high:.4g})" for each in intervals]
-        values = [format_value(sample.configuration[name]) for name in names]
-        rows.append([sample.name, draws, share_text(sample), *cells, *values])
-    head, *body = ("".join(f"<td>{html.escape(cell)}</td>" for cell in row) for row in rows)
-    text = "Draws that the search has not seen; one set of them chooses a configuration, another one proves it."
-    table = f"<table><tr>{head.replace('td>', 'th>')}</tr>{''.join(f'<tr>{row}</tr>' for row in body)}</table>"
-    return f"<h2>Validation</h2><p>{text} {html.escape(found.verdict)}.</p>{table}"
+        values = [format_value(sample.configuration[name]) for name in names if name in sample.configuration]
+        share = f"{sample.good} of {sample.count} ({sample.success.low * 100:.0f} to {sample.success.high * 100:.0f} %)"
+        rows.append([sample.name, draws, share, *cells, *values])
+    text = "Draws that the search has not seen: one set of them chooses a configuration, another one proves it. In "
+    return f"<h2>Validation</h2><p>{text}parentheses: 95 % intervals.</p>{_rows(head, rows)}"
 
 
 def _randomisation(scenario: Scenario) -> str:
@@ -252,12 +190,8 @@ def _randomisation(scenario: Scenario) -> str:
         return f"<h2>Randomisation</h2><p>It cannot be listed: {html.escape(str(error))}</p>"
     if not found:
         return "<h2>Randomisation</h2><p>The execution reports no randomised quantities.</p>"
-    rows = "".join(
-        f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in (each.name, each.centre, each.spread))}</tr>"
-        for each in found
-    )
-    head = "<tr><th>quantity</th><th>drawn around</th><th>spread</th></tr>"
-    return f"<h2>Randomisation</h2><table>{head}{rows}</table>"
+    rows = ((each.name, each.centre, each.spread) for each in found)
+    return f"<h2>Randomisation</h2>{_rows(('quantity', 'drawn around', 'spread'), rows)}"
 
 
 def _table(study: LearningStudy, results: dict[int, Evaluation]) -> str:
@@ -267,23 +201,19 @@ def _table(study: LearningStudy, results: dict[int, Evaluation]) -> str:
     objectives = [objective.name for objective in study.scenario.objectives]
     names = [variable.name for variable in study.scenario.variables]
     heads = ["evaluation", "success", *objectives, *names]
-    rows = ""
+    rows = []
     for number in best[:_ROWS]:
         result = results[number]
-        cells: list[Any] = [number, search_share(result)]
-        cells += [f"{result.objectives[name]:.4g}" for name in objectives]
+        cells = [f"{result.objectives[name]:.4g}" for name in objectives]
         cells += [format_value(result.configuration[name]) for name in names]
-        rows += "<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in cells) + "</tr>"
-    head = "".join(f"<th>{html.escape(name)}</th>" for name in heads)
-    return f"<h2>Pareto-optimal configurations</h2><table><tr>{head}</tr>{rows}</table>"
+        rows.append([number, search_share(result), *cells])
+    hint = "<p class='hint'>Of the search: means of few repetitions, of which the best had luck.</p>"
+    return f"<h2>Pareto-optimal configurations</h2>{hint}{_rows(heads, rows)}"
 
 
 def _picture(title: str, figure: Figure) -> str:
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=110)
+    figure.savefig(buffer, format="png", dpi=150)
     data = base64.b64encode(buffer.getvalue()).decode()
-    return f"<h2>{title}</h2><img alt='{title}' src='data:image/png;base64,{data}'>"
-
-
-def _same_sense(scenario: Scenario) -> bool:
-    return len({objective.sense for objective in scenario.objectives}) == 1
+    image = f"<img alt='{title}' width='{figure.get_figwidth() * 96:.0f}' src='data:image/png;base64,{data}'>"
+    return f"<h2>{title}</h2><figure>{image}<figcaption>{_CAPTIONS.get(title, '')}</figcaption></figure>"

@@ -24,6 +24,7 @@ from skiros2_learning.core.storage import StorageFailed
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.validation import Execute, Repeat
 from skiros2_learning.core.variables import Value
+from skiros2_learning.core.versions import note_versions
 from skiros2_learning.core.worker_process import begin, run, run_repetition
 
 log = logging.getLogger(__name__)
@@ -68,6 +69,7 @@ class Runner:
         :raises StorageFailed: finished evaluations are kept; see `LearningStudy.keep`.
         """
         scenario = self._study.scenario
+        note_versions(self._study)
         # with `spawn`, a process shares nothing with this one
         context = multiprocessing.get_context("spawn")
         pool = ProcessPool(self._count, context=context, initializer=begin, initargs=(scenario,))
@@ -141,6 +143,7 @@ class OneByOne:
         :raises Unavailable: by the execution; the evaluation is repeated by the next run.
         """
         study = self._study
+        note_versions(study)
         try:
             while study.counted < study.scenario.budget.evaluations:
                 begin = time.monotonic()

@@ -27,6 +27,8 @@ log = logging.getLogger(__name__)
 #: How often figures are written (s), and when a task ends; a kill of the gateway loses the states of this time.
 PERIOD = 1.0
 _HOUR = 3600.0  # s
+_HAS_FAILED = "outcome NOT IN ('succeeded', 'nothing_to_do', 'cancelled')"
+_MAX_FAILURES = 20
 
 
 class Figures:
@@ -122,6 +124,7 @@ def report(store: JobStore, begin: float, end: float) -> dict[str, Any]:
         for key, runs in sorted(figures.items())
         if key.kind == "runs"
     ]
-    jobs = [{"outcome": outcome, "jobs": count} for outcome, count in store.outcomes(begin, end)]
-    failures = [{"message": message, "jobs": count} for message, count in store.failures(begin, end)]
+    jobs = [{"outcome": outcome, "jobs": count} for outcome, count in store.count_ended(begin, end, "outcome")]
+    found = store.count_ended(begin, end, "json_extract(document, '$.response.message')", _HAS_FAILED)
+    failures = [{"message": message, "jobs": count} for message, count in found[:_MAX_FAILURES]]
     return {"begin": begin, "end": end, "robots": robots, "skills": skills, "jobs": jobs, "failures": failures}

@@ -392,18 +392,10 @@ class JobStore:
         )
         return {FigureKey(robot, kind, name): value for robot, kind, name, value in rows}
 
-    def outcomes(self, begin: float, end: float) -> list[tuple[str, int]]:
-        """Returns how many jobs have ended between two times (s since the epoch) with each outcome, the most first."""
-        query = "SELECT outcome, COUNT(*) FROM jobs WHERE ended >= ? AND ended < ? GROUP BY 1 ORDER BY 2 DESC, 1"
-        return self._read(query, begin, end)
-
-    def failures(self, begin: float, end: float, limit: int = 20) -> list[tuple[str, int]]:
-        """Returns the most frequent messages of jobs that have failed between two times, and how many have each."""
-        query = (
-            "SELECT json_extract(document, '$.response.message'), COUNT(*) FROM jobs WHERE ended >= ? AND ended < ?"
-            " AND outcome NOT IN ('succeeded', 'nothing_to_do', 'cancelled') GROUP BY 1 ORDER BY 2 DESC, 1 LIMIT ?"
-        )
-        return self._read(query, begin, end, limit)
+    def count_ended(self, begin: float, end: float, key: str, where: str = "TRUE") -> list[Any]:
+        """Returns how many jobs have ended between two times (s since the epoch), by an SQL key, the most first."""
+        query = f"SELECT {key}, COUNT(*) AS n FROM jobs WHERE ended >= ? AND ended < ? AND {where} GROUP BY {key}"
+        return self._read(f"{query} ORDER BY n DESC, {key}", begin, end)
 
     # -- internals ---------------------------------------------------------------------------------------------
 

@@ -102,6 +102,7 @@ def _makespans(processes: EngineProcesses, size: tuple[int, int, int]) -> Iterat
     name, figure = f"makespan, robots/places/products {_text(size)}", ours.makespan
     one_by_one = sum(step.end - step.start for step in ours.steps)
     yield _compared(name, figure, "its steps one after the other", one_by_one, None)
+    yield _compared(name, figure, "the lower bound for its parts", ours.schedule.bound, 1.1)
     for engine in OTHERS:
         if engine not in get_environment().factory.engines:
             print(f"    {engine} is not installed", file=sys.stderr)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skiros2_common.core.skill_description import ParamOptions
@@ -50,6 +50,7 @@ def scheduled(task: PlanningTask, plan: list[PlanStep], durations: Durations | N
     assert validate(task, plan) == ""
     found = schedule(task, deorder(task, plan), durations or known(task))
     assert validate(task, found.order.steps) == ""
+    assert found.bound <= found.makespan + 1e-9
     return found
 
 
@@ -285,6 +286,52 @@ def test_ordered_parts_keep_order() -> None:
     task = planned(world, f"(Lid {product})")
     plan = [PlanStep("base", (robots[0], product)), PlanStep("lid", (robots[0], product))]
     assert scheduled(task, plan).makespan == 2.0
+
+
+# -- the lower bound of the makespan ------------------------------------------------------------------------------
+
+
+def test_bound_of_products_for_one_place_is_the_makespan() -> None:
+    plan = [step for p in range(1, 5) for step in (drive(0, 5 if p > 1 else 0, p), *bring(0, p, p, 5))]
+    task = transport_task(2, 6, 6, conjunction(contain(L[5], P[p]) for p in range(1, 5)))
+    found = scheduled(task, plan)
+    assert (found.bound, found.makespan) == (28.0, 28.0)  # two products each: to it, 2 s, to the place, 2 s, twice
+
+
+def test_bound_counts_the_first_move_of_each_robot() -> None:
+    plan = [step for p in range(4) for step in bring(0, p, p, p + 1)]
+    found = scheduled(transport_task(2, 6, 6, conjunction(contain(L[p + 1], P[p]) for p in range(4))), plan)
+    assert (found.bound, found.makespan) == ((4 * 9.0 + 5.0) / 2, 23.0)  # the others are where the last one ended
+
+
+@settings(deadline=None)
+@given(
+    robots=st.integers(1, 3),
+    targets=st.lists(st.integers(0, 5), min_size=1, max_size=4),
+    drive_time=st.integers(0, 9),
+)
+def test_no_order_of_the_parts_on_any_robots_is_shorter_than_the_bound(
+    robots: int, targets: list[int], drive_time: int
+) -> None:
+    moved = [(product, target) for product, target in enumerate(targets) if product != target]
+    plan, place = [], 0
+    for product, target in moved:
+        plan += [drive(0, place, product)] if place != product else []
+        plan += bring(0, product, product, target)
+        place = target
+    task = transport_task(robots, 6, 6, conjunction(contain(L[target], P[product]) for product, target in moved))
+    found = scheduled(task, plan, known(task, {**SECONDS, "drive": float(drive_time)}))
+
+    def time_of(work: list[tuple[int, int]]) -> float:
+        ends = [0, *(target for _, target in work)]
+        return sum(4.0 + drive_time * (1 + (before != start)) for before, (start, _) in zip(ends, work, strict=False))
+
+    shortest = min(
+        max(time_of([part for part, robot in zip(order, on, strict=True) if robot == r]) for r in range(robots))
+        for order in itertools.permutations(moved)
+        for on in itertools.product(range(robots), repeat=len(moved))
+    )
+    assert found.bound <= shortest + 1e-9
 
 
 # -- of all rounds ------------------------------------------------------------------------------------------------

@@ -20,7 +20,9 @@ P = ("skiros:Product-0", "skiros:Product-1")
 
 
 def scheduled(task: PlanningTask, plan: tuple[PlanStep, ...], durations: Durations) -> Schedule:
-    return schedule(task, deorder(task, plan), durations)
+    found = schedule(task, deorder(task, plan), durations)
+    assert found.bound <= found.makespan + 1e-9
+    return found
 
 
 def bring(robot: int, product: int, start: int, target: int) -> tuple[PlanStep, ...]:

@@ -144,10 +144,12 @@ class Plan:
 
     @property
     def summary(self) -> str:
-        """The numbers of steps and robots, and the makespan, as text."""
+        """The numbers of steps and robots, the makespan and its lower bound if it is lower, as text."""
         robots, count = len({call.manager for call in self.calls}), len(self.steps)
         steps = f"{count} step{'s' * (count > 1)}"
-        return f"{steps} of {robots} robot{'s' * (robots > 1)}, {self.makespan:.1f} s"
+        bound = self.schedule.bound
+        least = f" (at least {bound:.1f} s)" if self.makespan - bound > 0.05 and bound else ""
+        return f"{steps} of {robots} robot{'s' * (robots > 1)}, {self.makespan:.1f} s{least}"
 
     def numbered_from(self, first: int) -> tuple[Step, ...]:
         """Returns the steps with other numbers.

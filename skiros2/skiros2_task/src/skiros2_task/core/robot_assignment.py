@@ -16,6 +16,7 @@ from itertools import product
 from typing import Any
 
 from skiros2_task.core.formula import Atom, Kind, Predicate
+from skiros2_task.core.makespan_bound import makespan_bound
 from skiros2_task.core.partial_order import PartialOrder
 from skiros2_task.core.plan_parts import Part, Roles, Target, find_moves, split_plan
 from skiros2_task.core.semantics import Facts, GroundStep, Literal, support
@@ -41,6 +42,9 @@ class RobotAssigner:
             for robot, actions in self._robots.items()
             for roles in actions
         }
+        self._fastest: dict[str, float] = {}
+        for (name, _), seconds in self._seconds.items():
+            self._fastest[name] = min(seconds, self._fastest.get(name, seconds))
         self._moves = find_moves(self._actions.values())
         self._parts = split_plan(task, order, self._actions, self._moves)
         indexed = {pair for roles in self._actions.values() for pair in roles.determined.values()}
@@ -67,10 +71,7 @@ class RobotAssigner:
         """
         if not self._parts or not self._robots:
             return None
-        fastest: dict[str, float] = {}
-        for (name, _), seconds in self._seconds.items():
-            fastest[name] = min(seconds, fastest.get(name, seconds))
-        least = [sum(fastest.get(self._order.steps[i].action, 0.0) for i in part.steps) for part in self._parts]
+        least = [sum(self._fastest.get(self._order.steps[i].action, 0.0) for i in part.steps) for part in self._parts]
         queue = self._topological_order([0.0] * len(self._parts))
         if queue is None:
             return None
@@ -89,6 +90,15 @@ class RobotAssigner:
             else:
                 best, high = filled
         return tuple(best) if best is not None else None
+
+    def bound(self) -> float:
+        """Returns a time that no schedule of the parts is shorter than (s); 0 if it is not known."""
+        of_skill: dict[tuple[str, str], float] = {}  # robots with different durations have different actions of a skill
+        for name, action in self._actions.items():
+            skill, seconds = action.action.skill, self._fastest.get(name, 0.0)
+            of_skill[skill.type, skill.label] = min(seconds, of_skill.get((skill.type, skill.label), seconds))
+        fastest = {n: of_skill[a.action.skill.type, a.action.skill.label] for n, a in self._actions.items()}
+        return makespan_bound(self._task, self._parts, self._order.steps, self._moves, fastest, self._robots)
 
     def _critical_paths(self, least: Sequence[float], order: Sequence[int]) -> list[float]:
         """Returns the shortest time from the start of each part to the end of all parts that depend on it (s).

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_task.core.partial_order import PartialOrder, deorder
@@ -35,11 +35,13 @@ class Schedule:
 
     :param steps: in the sequence of the order's steps.
     :param makespan: s from the first start to the last end.
+    :param bound: no schedule of the plan's parts is shorter (s); 0: not known. See `makespan_bound`.
     """
 
     order: PartialOrder
     steps: tuple[Scheduled, ...]
     makespan: float
+    bound: float = 0.0
 
 
 def schedule(task: PlanningTask, order: PartialOrder, durations: Durations) -> Schedule:
@@ -49,7 +51,9 @@ def schedule(task: PlanningTask, order: PartialOrder, durations: Durations) -> S
     works.
     """
     as_planned = as_early_as_possible(task, order, durations)
-    plan = RobotAssigner(task, order, durations).assign(as_planned.makespan)
+    assigner = RobotAssigner(task, order, durations)
+    as_planned = replace(as_planned, bound=assigner.bound())
+    plan = assigner.assign(as_planned.makespan)
     if plan is None:
         return as_planned
     try:
@@ -58,7 +62,7 @@ def schedule(task: PlanningTask, order: PartialOrder, durations: Durations) -> S
         log.debug("robot assignment discarded: %s", reason)
         return as_planned
     assigned = as_early_as_possible(task, other, durations)
-    return assigned if assigned.makespan < as_planned.makespan else as_planned
+    return replace(assigned, bound=as_planned.bound) if assigned.makespan < as_planned.makespan else as_planned
 
 
 def as_early_as_possible(task: PlanningTask, order: PartialOrder, durations: Durations) -> Schedule:

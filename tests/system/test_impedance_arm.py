@@ -18,6 +18,7 @@ from skiros2_contact_skills.ros.impedance_arm import ImpedanceArm
 from skiros2_motion.core.compliant_arm import ArmState
 from skiros2_motion.core.force_control import ForceGoal
 from skiros2_motion.core.geometry import IDENTITY
+from skiros2_motion.core.regions import MARGIN, Region
 from skiros2_sim_msgs.msg import ImpedanceState
 from skiros2_sim_msgs.srv import SetWrenchLimits, SetWrenchLimitsResponse
 from support.ros import Ros, RosMaster, wait_until
@@ -179,6 +180,20 @@ def test_adapter_regulates_the_force_of_a_driver_without_a_loop_at_the_rate_that
     driver.state.measured_wrench.force.z = -12.0
     wait_until(lambda: driver.references[-1].pose.position.z < 0.0, WAIT, "the retreat from a larger force")
     assert arm.take_peak() == pytest.approx(12.0)
+
+
+def test_reference_behind_a_region_is_not_beyond_its_plane(driver: Driver, arm: ImpedanceArm) -> None:
+    driver.state.stiffness.force = Vector3(600.0, 600.0, 600.0)
+    start = wait_for(arm, lambda s: not s.stopped).pose
+    arm.set_regions([Region("floor", IDENTITY._replace(position=(0.0, 0.0, -0.1)))])
+    driver.references.clear()
+    arm.set_reference(start._replace(position=(0.5, 0.0, -0.2)))
+    wait_until(lambda: driver.references, WAIT, "a reference")
+    assert driver.references[-1].pose.position.z == pytest.approx(MARGIN - 0.1)
+    driver.state.pose.position.z = -0.09
+    wait_until(lambda: driver.references[-1].pose.position.z > 0.0, WAIT, "a reference that pushes the tool back")
+    arm.end()
+    wait_until(lambda: driver.references[-1].pose.position.z == pytest.approx(-0.09), WAIT, "the pose at the end")
 
 
 def test_state_brings_the_peak_of_its_force(driver: Driver, arm: ImpedanceArm) -> None:

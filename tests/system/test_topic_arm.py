@@ -12,9 +12,10 @@ from skiros2_common.core.failure_kind import FailureKind
 from skiros2_contact_skills.ros.profiles import PROFILES
 from skiros2_contact_skills.ros.topic_arm import TopicArm
 from skiros2_motion.core.arm_abilities import Described
-from skiros2_motion.core.compliant_arm import ArmState
+from skiros2_motion.core.compliant_arm import ArmState, KeepsStates
 from skiros2_motion.core.force_control import ForceGoal
-from skiros2_motion.core.geometry import Pose
+from skiros2_motion.core.geometry import Pose, from_euler
+from skiros2_motion.core.regions import Region
 from skiros2_motion.core.spiral import SpiralGoal
 from support.ros import Ros, RosMaster, wait_until
 from support.stand_in_controllers import (
@@ -324,6 +325,31 @@ def test_abilities_have_the_measured_period_of_the_state_and_what_the_driver_lac
     assert abilities.added_force(0.1, 800.0) == pytest.approx(80.0 * abilities.state_period)
     assert abilities.wrench == (not isinstance(rig.driver, FrankaRos))
     assert abilities.damping == isinstance(rig.driver, CartesianImpedance)
+
+
+def test_states_between_two_ticks_are_kept(rig: Rig) -> None:
+    start = rig.at_rest()
+    assert isinstance(rig.arm, KeepsStates)
+    rig.arm.take_states()
+    end = rig.wait_for(lambda s: s.stamp > start.stamp + 1.0)
+    stamps = [state.stamp for state in rig.arm.take_states()]
+    assert len(stamps) > 10
+    assert stamps == sorted(stamps)
+    assert stamps[-1] >= end.stamp
+
+
+def test_reference_behind_a_region_stops_before_it(rig: Rig) -> None:
+    start = rig.at_rest().pose
+    x, y, z = start.position
+    behind = Pose((x - 0.06, y, z), from_euler(0.0, math.pi / 2.0, 0.0))  # what is beyond x - 0.06
+    rig.arm.set_regions([Region("wall", behind)])
+    rig.arm.set_reference(moved(start, x=-0.12))
+    rig.wait_for(lambda s: s.pose.position[0] < x - 0.02)
+    held = rig.at_rest().pose.position[0]
+    assert x - 0.045 < held < x - 0.02
+    rig.arm.set_regions([])
+    rig.arm.set_reference(moved(start, x=-0.12))
+    rig.wait_for(lambda s: s.pose.position[0] < x - 0.1)
 
 
 def test_adapter_regulates_the_force_at_the_rate_that_it_says(rig: Rig) -> None:

@@ -117,6 +117,24 @@ def test_plug_does_not_hit_the_floor_when_ticks_are_late(
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("late", [50, 100])
+def test_click_is_felt_at_late_ticks_by_an_arm_that_keeps_no_states(
+    cell: MakeCell, late: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    made = cell()
+    task, hold = made.plug_into_socket(), made.hold()
+    for _ in range(400):
+        task.tick()
+        hold.tick()
+        if task.state is not State.Running:
+            break
+        made.world.step(late)
+    assert task.state is State.Success, task.why
+    assert signature(task)[0] == pytest.approx(LATCH_FORCE, abs=1.0)
+    assert "keeps no states between ticks" in caplog.text
+
+
+@pytest.mark.long
 def test_stiff_latch_is_not_passed(cell: MakeCell) -> None:
     made = cell(force=40.0)
     task = made.run(made.plug_into_socket(), made.hold())

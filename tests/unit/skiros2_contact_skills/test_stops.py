@@ -12,6 +12,9 @@ from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_contact_skills.force_motions import hold_pose
 from skiros2_contact_skills.free_motions import retract_after_failure, retract_tool
+from skiros2_motion.core.compliant_arm import ArmState
+from skiros2_motion.core.wrench_guard import Violation
+from skiros2_sim.core.simulated_arm import SimulatedArm
 from skiros2_skill.core.skill import RetryOnFail, SelectorStar, SerialStar, Skill
 from skiros2_std_skills.core.controller_use import forget
 from support.contact_cell import RATE, TABLE_TOP, TICK_RATE, ContactCell, contact_cell
@@ -129,6 +132,62 @@ def test_stop_between_two_steps_of_a_goal_is_not_cleared(cell: ContactCell, monk
     second = step(cell, "goal", monkeypatch)
     assert (second.cause().label, second.cause().failure_kind) == ("retract_tool", FailureKind.LIMIT)
     assert step(cell, "goal", monkeypatch).state is State.Success, "a retreat after it"
+
+
+class AnsweringLate(SimulatedArm):
+    """Has no state until its driver has answered, as an adapter over ROS after `end`."""
+
+    answers_at = 0.0
+
+    def state(self) -> ArmState:
+        return None if self.now() < self.answers_at else super().state()  # type: ignore[return-value]
+
+
+def test_stop_between_two_steps_is_not_cleared_before_the_driver_has_answered(
+    cell: ContactCell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    controller = cell.robot.controller
+    arm = AnsweringLate(controller)
+    monkeypatch.setattr(cell, "compliant", arm)
+    assert step(cell, "goal", monkeypatch).state is State.Success
+    controller._stop(Violation("force", 55.0, 40.0))
+    arm.answers_at = arm.now() + 0.1
+    second = step(cell, "goal", monkeypatch)
+    assert second.state is State.Failure, "the stop is lost"
+    assert (second.cause().label, second.cause().failure_kind) == ("retract_tool", FailureKind.LIMIT)
+    assert controller.stop is not None
+    assert step(cell, "goal", monkeypatch).state is State.Success, "a retreat after it"
+    arm.answers_at = arm.now() + 0.1
+    assert step(cell, "goal", monkeypatch).state is State.Success, "without a stop it waits for the answer"
+
+
+def test_step_that_is_preempted_before_it_knows_of_a_stop_leaves_the_stop_to_the_next_one(
+    cell: ContactCell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm = AnsweringLate(cell.robot.controller)
+    monkeypatch.setattr(cell, "compliant", arm)
+    assert step(cell, "goal", monkeypatch).state is State.Success
+    cell.robot.controller._stop(Violation("force", 55.0, 40.0))
+    arm.answers_at = arm.now() + 0.1
+    second = cell.skills.command("RetractTool", Arm=cell.element, Height=0.01)
+    tick(cell, second, 0.04)
+    second.preempt()
+    second.tick()
+    third = step(cell, "goal", monkeypatch)
+    assert (third.cause().label, third.cause().failure_kind) == ("retract_tool", FailureKind.LIMIT)
+
+
+def test_step_does_not_fail_for_a_state_that_was_late_once(cell: ContactCell, monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = SimulatedArm(cell.robot.controller)
+    monkeypatch.setattr(cell, "compliant", arm)
+    assert step(cell, "goal", monkeypatch).state is State.Success
+    late = arm.state()._replace(stopped="no state for 0.6 s", kind=FailureKind.SENSOR)
+    states, measured = [late], arm.state
+    monkeypatch.setattr(arm, "state", lambda: states.pop() if states else measured())
+    cell.robot.controller.set_limits(120.0, 50.0)
+    second = step(cell, "goal", monkeypatch)
+    assert second.state is State.Success, second.why
+    assert cell.robot.controller.limits.force == 40.0, "that of the step, not of the one before"
 
 
 def step(cell: ContactCell, goal: str, patch: pytest.MonkeyPatch) -> Any:

@@ -24,12 +24,14 @@ from skiros2_common.core.world_element import Element
 from skiros2_contact_skills.arms import give_back, take_arm
 from skiros2_contact_skills.fit import Fit, fit_of
 from skiros2_contact_skills.held_parts import lost_part
+from skiros2_contact_skills.never_regions import check_outside, regions_of
 from skiros2_motion.core.arm_abilities import Abilities, abilities_of
-from skiros2_motion.core.compliant_arm import ArmState, CompliantArm, KnowsMass, MeasuresPeak, ResumesControl
+from skiros2_motion.core.compliant_arm import ArmState, CompliantArm, KeepsOut, KnowsMass, MeasuresPeak, ResumesControl
 from skiros2_motion.core.geometry import Vector, conjugated, rotated
 from skiros2_motion.core.impact import DEFAULT_MASS, DEFAULT_STIFFNESS, permitted_speed
 from skiros2_motion.core.impedance import MAX_STIFFNESS
 from skiros2_motion.core.numbers import finite
+from skiros2_motion.core.regions import Region
 from skiros2_motion.core.time_scaling import MAX_PERIOD
 from skiros2_motion.core.wrench_guard import is_finite
 from skiros2_std_skills.core.controller_use import is_left_compliant, is_left_in_order, leave_compliant
@@ -69,6 +71,7 @@ class ContactPrimitive(PrimitiveBase):
 
     :ivar arm: the arm, between start and end.
     :ivar start: state of the arm at the first tick of `move`.
+    :ivar regions: that no tool enters, in the base frame.
     :ivar abilities: what the driver does itself, and the measured period of its state; from `begin` on.
     """
 
@@ -76,6 +79,7 @@ class ContactPrimitive(PrimitiveBase):
     arm: CompliantArm
     start: ArmState
     abilities: Abilities
+    regions: list[Region]
     #: Damping factors along and about the axes of the tool.
     damping: tuple[float, ...] = (2.0,) * 6
 
@@ -95,36 +99,46 @@ class ContactPrimitive(PrimitiveBase):
         self._waits_since: tuple[float, float] | None = None  # for the arm; None: it is ready
         self._last = self._peak = 0.0
         self._slowed, self._along = "", MAX_STIFFNESS[2]
-        self._begun = self._has_arm = self._resumes = self._was_inactive = self._is_hit = self._succeeded = False
+        self._begun = self._has_arm = self._is_taken = self._resumes = self._was_inactive = False
+        self._is_hit = self._succeeded = False
         try:
             self.arm = take_arm(self.wmi, self.element("Robot"), self.element("Arm"), self)
             self._has_arm = True
-            self._begin_control()
-            if self._is_hit:
-                return True
             self._axes = [*self._limits_of("MaxForceAxes"), *self._limits_of("MaxTorqueAxes")]
-            axes = [self._axes] if any(self._axes) else []  # arms of others may have none
-            self.arm.set_wrench_limits(self.limit, self.number("MaxTorque", MAX_TORQUE), *axes)
+            self._task = current_task()
+            self._resumes = isinstance(self.arm, ResumesControl) and is_left_compliant(
+                self.element("Arm").id, self._task
+            )
+            self._take_control()
         except SkirosError as error:
             give_back(self)
             return self.startError(f"{self.label_of('Arm')}: {error}", NOT_READY)
         return True
 
-    def _begin_control(self) -> None:
-        """Activates the controller. If an earlier skill of the task or goal has, it is not taken back from somebody
-        else; a stop since the success of that skill is not cleared."""
-        self._task, arm = current_task(), self.element("Arm").id
-        self._resumes = isinstance(self.arm, ResumesControl) and is_left_compliant(arm, self._task)
-        if self._resumes and isinstance(self.arm, ResumesControl):
-            found = self.arm.state() if is_left_in_order(arm) else None
-            self._is_hit = found is not None and found.stopped != "" and found.kind in _STOPS
-            if not self._is_hit:
-                self.arm.resume()
-            return
+    def _take_control(self) -> None:
+        """Activates the controller and sets the limits. If an earlier skill of the task or goal has activated it, it is
+        not taken back from somebody else. While it is not known whether the arm has stopped since the success of that
+        skill, and after such a stop, nothing is taken: limits would clear the stop."""
+        arm = self.arm
+        if self._resumes and isinstance(arm, ResumesControl):
+            if is_left_in_order(self.element("Arm").id):
+                found = self._state_before()
+                if found is None or (found.stopped and found.kind in _STOPS):
+                    return
+            arm.resume()
+        else:
+            found = self._state_before()
+            self._was_inactive = found is None or found.kind is FailureKind.CONTROLLER
+            arm.begin()
+        axes = [self._axes] if any(self._axes) else []  # arms of others may have none
+        arm.set_wrench_limits(self.limit, self.number("MaxTorque", MAX_TORQUE), *axes)
+        self._is_taken = True
+
+    def _state_before(self) -> ArmState | None:
+        """Returns the state before anything is requested."""
         with suppress(Refused):  # by an earlier request
-            state = self.arm.state()
-            self._was_inactive = state is None or state.kind is FailureKind.CONTROLLER
-        self.arm.begin()
+            return self.arm.state()
+        return None
 
     def execute(self) -> State:
         try:
@@ -133,13 +147,18 @@ class ContactPrimitive(PrimitiveBase):
             return self.fail(f"{self.label_of('Arm')}: {error}", NOT_READY)
 
     def _tick(self) -> State:
+        if not self._is_taken:
+            self._take_control()
         state = self.arm.state()
+        if state is not None and not state.stopped and not self._is_taken:
+            state = None  # the answer has come since: the next tick takes the arm
         if state is not None and not state.stopped and not is_finite(*state.pose, state.wrench, (state.stamp,)):
             state = state._replace(stopped="its state has numbers that are not finite", kind=FailureKind.SENSOR)
         if state is None or (state.stopped and not self._begun and not self._is_final(state.kind)):
             return self._wait(state)
         self._note_peak(state)
         if state.stopped:
+            self._is_hit = not self._is_taken
             peak = f" (peak of {self._peak:.1f} N)" if self._peak > self.limit else ""
             return self.fail(f"{self.label_of('Arm')} has stopped: {state.stopped}{peak}", STOPPED, state.kind)
         self._waits_since = None
@@ -152,6 +171,7 @@ class ContactPrimitive(PrimitiveBase):
             if not self.abilities.limits:
                 log.info("%s of %s: %s", self.label_of("Arm"), self.label, self.abilities)
             self.arm.set_damping(self.damping)
+            self._keep_out(state)
             self.begin(state)
         dt, self._last = min(max(0.0, state.stamp - self._last), MAX_PERIOD), state.stamp
         result = self.move(state, dt)
@@ -162,7 +182,22 @@ class ContactPrimitive(PrimitiveBase):
 
     def _is_final(self, kind: FailureKind) -> bool:
         """Whether waiting does not end a stop that is found at the start."""
-        return self._is_hit or kind is FailureKind.LIMIT or (kind is FailureKind.CONTROLLER and self._resumes)
+        if kind is FailureKind.SAFETY:
+            return not self._is_taken  # else `begin` may still recover the robot
+        return kind is FailureKind.LIMIT or (kind is FailureKind.CONTROLLER and self._resumes)
+
+    def _keep_out(self, state: ArmState) -> None:
+        """Gives the arm the regions that no tool enters.
+
+        :raises WrongValue: a region is not usable, or the tool is in one.
+        """
+        self.regions = regions_of(self.wmi, self.element("Arm"))
+        if isinstance(self.arm, KeepsOut):
+            self.arm.set_regions(self.regions)
+        elif self.regions:
+            names = ", ".join(region.name for region in self.regions)
+            log.warning("%s of %s does not keep its tool out of %s", self.label_of("Arm"), self.label, names)
+        check_outside(self.regions, f"the tool of {self.label_of('Arm')}", state.pose.position, least=0.0)
 
     def _wait(self, state: ArmState | None) -> State:
         """Waits until the driver follows commands. Only refused requests are repeated: what has stopped the arm since

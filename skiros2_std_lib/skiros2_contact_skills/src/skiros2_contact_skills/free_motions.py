@@ -8,6 +8,7 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_contact_skills.contact_primitive import NOT_REACHED, RETRACTED, ContactPrimitive, difference, forces
 from skiros2_contact_skills.core.part_poses import aligned_tool, held_frame, pose_on_arm
 from skiros2_contact_skills.descriptions import ApproachGrasp, ApproachTarget, RetractAfterFailure, RetractTool
+from skiros2_contact_skills.never_regions import check_outside
 from skiros2_motion.core.arm_kinematics import distances
 from skiros2_motion.core.compliant_arm import ArmState
 from skiros2_motion.core.geometry import IDENTITY, Pose, between, composed
@@ -32,6 +33,7 @@ class _CompliantLine(ContactPrimitive):
         across = self.value("Stiffness")
         self.set_stiffness(across)
         self._goal = self.goal(state)
+        check_outside(self.regions, "the goal", self._goal.position)
         self._has_to_zero = self.value("ZeroSensor")
         length, turn = distances(state.pose, self._goal)
         self._passed = 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 from skiros2_common.core.abstract_skill import SkillDescription, State
@@ -25,6 +26,8 @@ from skiros2_motion.core.geometry import Pose
 from skiros2_skill.core.processors import NoFail, ParallelFs, RetryOnFail, SelectorStar, SerialStar
 from skiros2_skill.core.skill import SkillBase
 from skiros2_std_reasoners.core.places import CONTAINER_STATE
+
+log = logging.getLogger(__name__)
 
 Inferred, Optional, Required = ParamTypes.Inferred, ParamTypes.Optional, ParamTypes.Required
 
@@ -122,6 +125,8 @@ class plug_in(ContactPrimitive):
         self._best = self._target = self.depth(state)
         self._best_at = state.stamp
         self._states(state)  # those before are not of this motion
+        if not isinstance(self.arm, KeepsStates):
+            log.warning("%s keeps no states between ticks: ticks of more than 0.1 s may miss the click", self.label)
 
     def move(self, state: ArmState, dt: float) -> State:
         if not self._has_latch:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections import deque
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from typing import Any
@@ -12,6 +13,7 @@ from skiros2_contact_skills.core.tick_force import TickForce
 from skiros2_motion.core.compliant_arm import ArmState
 from skiros2_motion.core.force_control import ForceGoal, checked_goal
 from skiros2_motion.core.geometry import Pose
+from skiros2_motion.core.regions import Region
 
 log = logging.getLogger(__name__)
 
@@ -19,6 +21,8 @@ log = logging.getLogger(__name__)
 MAX_RATE = 200.0
 #: Time of the arm's clock without `refresh` after which the regulation ends (s): nobody commands it any more.
 TIMEOUT = 1.0
+#: Maximum number of states that are kept for `take_states`: two seconds of a driver with 1 kHz.
+_KEPT = 2000
 
 
 class StateForce:
@@ -35,6 +39,8 @@ class StateForce:
         self._at = self._refreshed = -math.inf
         self.sent: Pose | None = None
         self._peak = 0.0
+        #: States since they were last taken.
+        self.recent: deque[ArmState] = deque(maxlen=_KEPT)
 
     def rate(self, period: float) -> float:
         """Returns the rate of the loop (Hz).
@@ -85,6 +91,7 @@ class StateForce:
         :param stiffness: along the axes of the tool (N/m).
         """
         self.note(math.hypot(*state.wrench[:3]))
+        self.recent.append(state)
         passed = state.stamp - self._at
         if self._loop is None or 0.0 <= passed < 0.9 / self._most:
             return None
@@ -102,11 +109,24 @@ class StateForce:
 
 
 class ForceAdapter:
-    """Base of adapters: the largest force between two ticks."""
+    """Base of adapters: the states and the largest force between two ticks, and regions.
+
+    :ivar regions: that the reference keeps the tool out of.
+    """
 
     _force: StateForce
     _lock: AbstractContextManager[Any]
+    regions: Sequence[Region] = ()
+
+    def set_regions(self, regions: Sequence[Region]) -> None:
+        self.regions = tuple(regions)
 
     def take_peak(self) -> float:
         with self._lock:
             return self._force.take_peak()
+
+    def take_states(self) -> list[ArmState]:
+        with self._lock:
+            states = list(self._force.recent)
+            self._force.recent.clear()
+        return states

@@ -10,7 +10,6 @@ import math
 import queue
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
 import rospy
@@ -28,8 +27,9 @@ from skiros2_contact_skills.ros.profiles import wrench_from
 from skiros2_motion.core.arm_abilities import Abilities, StatePeriod
 from skiros2_motion.core.compliant_arm import ArmState, checked_limits, checked_reference, turned_wrench
 from skiros2_motion.core.force_control import ForceGoal, checked_goal
-from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, composed, inverted
+from skiros2_motion.core.geometry import Pose, Vector, composed, inverted
 from skiros2_motion.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, checked
+from skiros2_motion.core.regions import kept_out
 from skiros2_motion.core.spiral import SpiralGoal
 from skiros2_motion.core.state_age import StateAge
 from skiros2_motion.core.wrench_guard import SENSOR_AGE, Limits, is_finite, is_limit, violation_text
@@ -54,8 +54,6 @@ _OPTIONAL_TIME = 0.2
 #: Period with which `state` sends a commanded wrench again (s): without that, the driver lets it expire.
 _REFRESH = 0.2
 _REFUSED = "refuses limits"
-#: Maximum number of states that are kept for `take_states`: two seconds.
-_KEPT = 200
 
 
 class ImpedanceArm(ForceAdapter):
@@ -75,15 +73,14 @@ class ImpedanceArm(ForceAdapter):
         self._name, self._space, self._wrist, self._switch = name, space, wrist, switch
         self._controllers, self._mount = controllers, mount
         self._limits = Limits()
-        #: States since `take_states`.
-        self._recent: deque[ImpedanceState] = deque(maxlen=_KEPT)
         self._fault = ""
         #: The commanded wrench, and when it was sent (s).
         self._wrench: Sequence[float] = ()
         self._wrench_at = 0.0
         #: Whether the driver regulates forces; if not, the loop at its states, and the pose that is wanted besides.
         self._has_loop = self._has_goal = False
-        self._force, self._wanted = StateForce(), IDENTITY
+        self._force = StateForce()
+        self._wanted: Pose | None = None
         self._period = StatePeriod()
         self._lock = threading.Lock()
         self._last: ImpedanceState | None = None
@@ -139,6 +136,7 @@ class ImpedanceArm(ForceAdapter):
     def begin(self) -> None:
         self._fault, self._wrench = "", ()
         with self._lock:
+            self._wanted = None
             self._force.set_goal(None)
             self._period.restart()
         on, off = self._controllers
@@ -167,7 +165,7 @@ class ImpedanceArm(ForceAdapter):
         with self._lock:
             self._wanted = wanted
             self._force.refresh()
-            if self._force.is_active:  # the next state moves the reference
+            if self._force.is_active or self.regions:  # the next state moves the reference
                 return
         reference = composed(self._mount, wanted)
         self._command(lambda: self._publish_reference(reference))
@@ -228,12 +226,6 @@ class ImpedanceArm(ForceAdapter):
             more = SetAxisLimitsRequest(Wrench(Vector3(*axes[:3]), Vector3(*axes[3:])))
             self._request(lambda: call_service(f"{self._space}/set_axis_limits", SetAxisLimits, more, _REFUSED))
 
-    def take_states(self) -> list[ArmState]:
-        with self._lock:
-            messages = list(self._recent)
-            self._recent.clear()
-        return [arm_state(message, self._mount, message.header.stamp.to_sec()) for message in messages]
-
     def zero_sensor(self) -> None:
         self._request(lambda: call_service(f"{self._wrist}/zero", Trigger, None, "does not zero its sensor"))
 
@@ -275,6 +267,7 @@ class ImpedanceArm(ForceAdapter):
         message = self._last
         if message is None or not message.active or message.stopped_by:
             return
+        self._wanted = None
         if self._finite is not None:
             p, q = self._finite.position, self._finite.orientation
             self._publish_reference(Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w)))
@@ -320,7 +313,6 @@ class ImpedanceArm(ForceAdapter):
             self._age.receive()
             self._period.add(message.header.stamp.to_sec())
             self._received += 1
-            self._recent.append(message)
             if message.peak_force > self._peak:  # the driver keeps it until limits are set
                 self._force.note(message.peak_force)
             self._peak = message.peak_force
@@ -335,8 +327,12 @@ class ImpedanceArm(ForceAdapter):
             return None
         if message.stopped_by or not message.active:
             self._force.set_goal(None)
-        force = message.stiffness.force
-        return self._force.update(state, self._wanted, (force.x, force.y, force.z))
+        stiffness = message.stiffness.force.x, message.stiffness.force.y, message.stiffness.force.z
+        sent = self._force.update(state, self._wanted, stiffness)
+        wanted = sent if sent or self._force.is_active else self._wanted
+        if not self.regions or wanted is None or message.stopped_by or not message.active:
+            return sent
+        return kept_out(wanted, state.pose, stiffness, self.regions)
 
     def _why_stopped(self, message: ImpedanceState) -> str:
         late = self._age.overdue()

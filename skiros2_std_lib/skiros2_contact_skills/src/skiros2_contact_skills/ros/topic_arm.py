@@ -32,6 +32,7 @@ from skiros2_motion.core.force_control import ForceGoal
 from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, composed, conjugated, inverted, rotation_of
 from skiros2_motion.core.impedance import MAX_DAMPING_FACTOR, MAX_STIFFNESS, MAX_WRENCH, STIFFNESS, checked
 from skiros2_motion.core.reference_lead import bounded_reference
+from skiros2_motion.core.regions import kept_out
 from skiros2_motion.core.spiral import SpiralGoal, TimedSpiral
 from skiros2_motion.core.state_age import StateAge
 from skiros2_motion.core.wrench_guard import Limits, is_finite, limited_wrench
@@ -305,9 +306,10 @@ class TopicArm(ForceAdapter):
             wanted = sent = shifted(reference, offset, _ZERO if takes_wrench else self._wrench, self._stiffness)
             if reading is not None:
                 wrench = limited(self._wrench, self._limits) if takes_wrench else _ZERO
+                wanted = kept_out(wanted, reading.pose, self._stiffness, self.regions)
                 sent = bounded_reference(wanted, reading.pose, self._stiffness, wrench, self._limits)
                 sent = reading.pose if self._is_blind else sent
-            self._is_bounded = sent != wanted
+            self._is_bounded = sent != wanted or bool(self.regions)
         self._move_to(composed(self._mount, sent))
 
     def _move_to(self, pose: Pose) -> None:

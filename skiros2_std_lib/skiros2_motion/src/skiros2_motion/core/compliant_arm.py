@@ -18,6 +18,7 @@ from skiros2_common.core.failure_kind import FailureKind
 from skiros2_motion.core.force_control import ForceGoal
 from skiros2_motion.core.geometry import Pose, Quaternion, Vector, normalized, rotated
 from skiros2_motion.core.numbers import finite
+from skiros2_motion.core.regions import Region
 from skiros2_motion.core.spiral import SpiralGoal
 from skiros2_motion.core.wrench_guard import Limits
 
@@ -176,6 +177,16 @@ class RegulatesForce(Protocol):
 
         :raises WrongValue: a number is not finite or out of range.
         """
+        ...
+
+
+@runtime_checkable
+class KeepsOut(Protocol):
+    """An arm that keeps its tool out of regions: by its driver, at the rate of the law, or by its adapter, which moves
+    the reference at its states."""
+
+    def set_regions(self, regions: Sequence[Region]) -> None:
+        """Sets the regions, in the base frame, in place of those before. They stay after `end`."""
         ...
 
 

@@ -23,6 +23,8 @@ With limits of force and torque, spring and wrench together stay within them: |-
 axes. So the reference leads the tool by at most (limit - |F|) / K, and a contact at rest is within the limit without
 any sensor.
 
+Regions repel the tool (`regions`).
+
 `brake` brings the arm to rest: reference and posture follow, so that only the damping is left, and with the masses M of
 its joints, the torques -BRAKING M dq are added. At rest, or after BRAKING_TIME, it holds its pose again.
 """
@@ -39,6 +41,7 @@ import numpy.typing as npt
 from skiros2_common.core.errors import WrongValue
 from skiros2_motion.core.geometry import IDENTITY, Pose, Vector, between, conjugated, multiplied, rotated
 from skiros2_motion.core.numbers import finite
+from skiros2_motion.core.regions import Region, repelled
 from skiros2_motion.core.wrench_guard import Limits, is_finite, limited_wrench
 
 Array = npt.NDArray[np.float64]
@@ -134,6 +137,8 @@ class Impedance:
         self.commanded_torques = np.zeros(len(efforts))
         #: Limits of spring and wrench together.
         self.limits = Limits()
+        #: Regions that the tool does not enter.
+        self.regions: Sequence[Region] = ()
         #: Wrench of spring, damping and command of the last update, in the tool frame (N, Nm).
         self.exerted = np.zeros(6)
         self._braking_time = 0.0
@@ -245,6 +250,10 @@ class Impedance:
         self.error = self._offset(state.tool)
         too_fast = state.velocities - self.velocities
         wrench = limited_wrench(self.wrench - stiffness.dot(self.error), self.limits)
+        if self.regions:
+            velocity = state.jacobian[:3].dot(state.velocities)
+            force = repelled(into.T.dot(wrench[:3]), state.tool.position, velocity, self.regions)
+            wrench = np.concatenate((into.dot(force), wrench[3:]))
         wrench = wrench - damping.dot(jacobian.dot(too_fast))
         self.exerted = wrench.copy()
         if load is not None:

@@ -11,6 +11,7 @@ from skiros2_motion.core.compliant_arm import ArmState, checked_reference, turne
 from skiros2_motion.core.force_control import ForceGoal
 from skiros2_motion.core.geometry import Pose, Vector, composed, inverted, rotated
 from skiros2_motion.core.impedance import MAX_WRENCH, checked
+from skiros2_motion.core.regions import Region
 from skiros2_motion.core.spiral import SpiralGoal
 from skiros2_motion.core.wrench_guard import is_finite
 from skiros2_sim.core.arm_controller import ArmController
@@ -94,6 +95,10 @@ class SimulatedArm:
 
     def set_wrench_limits(self, force: float, torque: float, axes: Sequence[float] = ()) -> None:
         self._controller.set_limits(force, torque, axes)
+
+    def set_regions(self, regions: Sequence[Region]) -> None:
+        law = self._controller.impedance
+        law.regions = [region._replace(pose=composed(self._mount, region.pose)) for region in regions]
 
     def apparent_mass(self, direction: Vector) -> float:
         return self._controller.apparent_mass(rotated(self._mount.orientation, direction))

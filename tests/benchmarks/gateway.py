@@ -1,4 +1,4 @@
-"""The gateway on a cell of real nodes: latency of a job, 100 clients, the page, kills under load, hostile requests.
+"""The gateway on a cell of real nodes: latency of a job, 100 clients, load, the page, kills, hostile requests.
 
 A program of its own: `make bench-gateway`, or `.ci/in_ros .venv/bin/python3 tests/benchmarks/gateway.py --short`. The
 cell has one robot with a skill that takes no time, so that the times are those of the platform.
@@ -29,6 +29,7 @@ sys.path[:0] = [str(ROOT / folder) for folder in folders]
 
 import rospy  # noqa: E402 - after the path
 
+from benchmarks.gateway_load import load  # noqa: E402
 from benchmarks.page import page  # noqa: E402
 from skiros2_factory_demo.mes import Channel, MqttChannel, OpcuaChannel, RestChannel  # noqa: E402
 from skiros2_gateway.opcua.model import NAMESPACE  # noqa: E402
@@ -46,7 +47,7 @@ def main(arguments: Sequence[str]) -> int:
     """Runs the program. Returns 0, or 1 if a job was lost or a request was carried out without the role."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--short", action="store_true", help="a tenth of everything: some minutes")
-    parser.add_argument("--parts", default="latency,clients,page,stop,kills,hostile", help="default: %(default)s")
+    parser.add_argument("--parts", default="latency,clients,load,page,stop,kills,hostile", help="default: %(default)s")
     parser.add_argument("--seed", type=int, default=1, help="of kills and hostile requests (%(default)s)")
     parser.add_argument("--json", type=Path, default=ROOT / "build/gateway.json", help="where the figures go")
     options = parser.parse_args(arguments)
@@ -54,6 +55,7 @@ def main(arguments: Sequence[str]) -> int:
     parts: dict[str, Callable[[JobCell, int], Row]] = {
         "latency": lambda cell, port: asyncio.run(latency(cell, port, round(200 * scale))),
         "clients": lambda cell, port: clients(cell, 100),
+        "load": lambda cell, port: load(cell, 10_000, 60.0 * max(0.2, scale), round(50 * max(0.2, scale))),
         "page": lambda cell, port: page(cell, 30.0 * max(0.2, scale)),
         "stop": lambda cell, port: stop(cell, round(100 * max(0.2, scale))),
         "kills": lambda cell, port: kills(cell, round(1000 * scale), round(20 * scale), Random(options.seed)),

@@ -242,6 +242,26 @@ def test_command_is_carried_out_once_when_the_clock_is_set(tmp_path: Path, days:
             each.check("a", sent)
 
 
+def test_topics_of_a_job_are_never_those_of_commands(in_gateway: Run, port: int) -> None:
+    async def test(gateway: Any) -> None:
+        async with connected(gateway, port, "names") as (_, subscriber):
+            await gateway.put("in")
+            await subscriber.until("names/job/%69n/state", lambda state: state["substate"] == "Loaded")
+            gateway.cell.run("in")
+            gateway.cell.end("in")
+            await subscriber.until("names/job/%69n/response")
+            command = ("mosquitto_sub", "-p", str(port), "-W", "1", "-v", "-t", "names/job/in/#")
+            retained = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
+            assert (await retained.communicate())[0] == b""
+        gateway.restart()
+        async with connected(gateway, port, "names") as (_, subscriber):
+            assert (await subscriber.until("names/job/%69n/response"))["outcome"] == "succeeded"
+            gateway.control.apply(Method.CLEAR, "in", "test")
+            assert await subscriber.next_removed() == "names/job/%69n/response"
+
+    in_gateway(test)
+
+
 def test_state_is_retained_and_the_last_will_reports_the_end(in_gateway: Run, port: int) -> None:
     async def test(gateway: Any) -> None:
         prefix = "three"

@@ -8,9 +8,10 @@ import logging
 from bisect import bisect_left, insort
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain, islice
 
 from skiros2_gateway.core.events import EventStream
-from skiros2_gateway.core.job import FINAL, Job, State
+from skiros2_gateway.core.job import BEFORE, FINAL, Job, State
 from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.problems import StoreFailed
 from skiros2_gateway.core.store import JobStore
@@ -47,6 +48,7 @@ class OpenJobs:
         self._jobs: dict[str, Job] = {}
         self._texts: dict[str, str] = {}  # JSON by id, of jobs that have not changed since it was made
         self._queue: list[tuple[Rank, str]] = []  # those that may start, in the order of starting
+        self._stored: list[tuple[Rank, str]] = []  # those that are not allowed to start, in the same order
         self._timed: dict[str, float] = {}  # the earliest start of those of the queue that have one
         self._in_cell: set[str] = set()
         for text in store.open_jobs():
@@ -78,18 +80,19 @@ class OpenJobs:
         """Whether a job may start."""
         return bool(self._queue)
 
-    def ordered(self) -> list[Job]:
-        """Returns the jobs that have not ended, in the order of starting; those that run come first."""
-        waiting = [job for job in self._jobs.values() if job.state not in FINAL]
-        return sorted(waiting, key=lambda job: (not job.is_in_cell, job.state is State.NOT_ALLOWED_TO_START, job.rank))
+    def ordered(self, limit: int | None = None) -> list[Job]:
+        """Returns the first jobs that have not ended, in the order of starting; those that run come first."""
+        running = sorted((self._jobs[job_id] for job_id in self._in_cell), key=lambda job: job.rank)
+        waiting = (self._jobs[job_id] for _, job_id in chain(self._queue, self._stored))
+        return list(islice(chain(running, waiting), limit))
 
     def next_start(self, now: float) -> float | None:
         """Returns the next earliest start in the queue after a time; None: there is none."""
         return min((start for start in self._timed.values() if start > now), default=None)
 
-    def texts(self) -> list[str]:
+    def texts(self, limit: int | None = None) -> list[str]:
         """Returns the jobs of `ordered` as JSON; see `Job.to_dict`."""
-        return [self._text(job.id) for job in self.ordered()]
+        return [self._text(job.id) for job in self.ordered(limit)]
 
     def _text(self, job_id: str) -> str:
         if job_id not in self._texts:
@@ -175,11 +178,14 @@ class OpenJobs:
             insort(self._queue, (job.rank, job.id))
             if job.earliest:
                 self._timed[job.id] = job.earliest
+        elif job.state is State.NOT_ALLOWED_TO_START:
+            insort(self._stored, (job.rank, job.id))
 
     def _remove(self, job_id: str) -> None:
         self._texts.pop(job_id, None)
         self._timed.pop(job_id, None)
         self._in_cell.discard(job_id)
         job = self._jobs.pop(job_id, None)
-        if job is not None and job.state is State.ALLOWED_TO_START and not job.is_in_cell:
-            del self._queue[bisect_left(self._queue, (job.rank, job_id))]
+        if job is not None and job.state in BEFORE and not job.is_in_cell:
+            waiting = self._queue if job.state is State.ALLOWED_TO_START else self._stored
+            del waiting[bisect_left(waiting, (job.rank, job_id))]

@@ -28,6 +28,7 @@ CREATE TABLE IF NOT EXISTS jobs (
     id TEXT PRIMARY KEY, sequence INTEGER NOT NULL UNIQUE, state TEXT NOT NULL, cleared INTEGER NOT NULL,
     is_open INTEGER NOT NULL, ended REAL, outcome TEXT NOT NULL, document TEXT NOT NULL);
 CREATE INDEX IF NOT EXISTS open_jobs ON jobs (is_open, cleared, sequence);
+CREATE INDEX IF NOT EXISTS outcomes_of_jobs ON jobs (outcome, state);
 CREATE TABLE IF NOT EXISTS job_events (
     number INTEGER PRIMARY KEY AUTOINCREMENT, job TEXT NOT NULL, time REAL NOT NULL, author TEXT NOT NULL,
     method TEXT NOT NULL, state TEXT NOT NULL, substate TEXT NOT NULL, comment TEXT NOT NULL);

@@ -21,7 +21,7 @@ nothing. Status: 400 the query or body cannot be read, 401 no credentials, 403 r
 State and events:
 
 - `GET /api/state`: {event, jobs, counts, viewers, role, user, robots, ready, capacity}. `event` is the id of the last
-  event that it includes. `jobs` are the open jobs in the order of the queue, each as in the event `job`.
+  event that it includes. `jobs` are the first 100 open jobs in the order of the queue, each as in the event `job`.
 - `GET /api/events?after=ID&kinds=job,robot`: server-sent events after that id (also from the header `Last-Event-ID`).
   `data` of each is {id, kind, time, data}, its `id` that to resume after. Kinds: `job` (the whole job), `response` (a
   complete response), `cell` (as in the state), `world` (a change of the world model: {revision, author, added, updated,
@@ -89,6 +89,9 @@ def create_app(service: Service, routers: Sequence[APIRouter] = (), max_body: in
 
 
 # -- the routes --------------------------------------------------------------------------------------------------------
+
+#: The jobs of the queue in the answer to `/api/state`; `/api/jobs` has all in pages.
+_FIRST_JOBS = 100
 
 #: A number of the store: SQLite's integers have 64 bits.
 Since = Annotated[int, Query(ge=0, lt=2**63)]
@@ -189,7 +192,7 @@ async def end_session(caller: CallerArg, service: ServiceArg, session_id: str) -
 @_router.get("/state", responses=answers(models.CellState))
 async def state(caller: CallerArg, service: ServiceArg) -> Response:
     """The state of the cell: robots, queue, counters."""
-    return _with_jobs(service.control.jobs.texts(), service.state(caller))
+    return _with_jobs(service.control.jobs.texts(_FIRST_JOBS), service.state(caller))
 
 
 @_router.get("/events", response_class=StreamingResponse, responses=EVENTS)

@@ -103,7 +103,7 @@ class CellState(BaseModel):
     """The state of the cell: robots, queue, counters."""
 
     event: str = Field(description="the id of the last event that is included")
-    jobs: list[JobData]
+    jobs: list[JobData] = Field(description="the first 100 that have not ended, in the order of the queue")
     counts: dict[str, int]
     viewers: int
     role: str

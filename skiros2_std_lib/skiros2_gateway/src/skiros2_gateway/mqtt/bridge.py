@@ -9,7 +9,7 @@ Topics below the prefix (`skiros2` by default):
 - `job/answer`: {request, id, ok} and `job` (its state), or `error` (the problem details as of REST).
 - `job/ID/state`, retained: {state, substate, changed}; `job/ID/response`, retained: the complete response. Both are
   removed when the job is cleared. After each connection those of all jobs in the list are published again, also of jobs
-  that have ended, and those of jobs that are gone are removed.
+  that have ended, and those of jobs that are gone are removed. A job with the id `in` has the topics `job/%69n/...`.
 - `cell`, retained: robots and queue. `world/ID`, retained: an element of the world model; removed with the element.
   `%`, `#`, `+`, `/` and control characters of an id are written as in URLs: `%23`.
 - `status`, retained: `online`; `offline` as the last will.
@@ -237,7 +237,7 @@ class MqttBridge:
         if event.kind == "job":
             self._jobs.publish_state(data)
         elif event.kind == "response":
-            self._publish(f"job/{data['job']}/response", data)
+            self._jobs.publish_response(data["job"], data)
         elif event.kind == "cell":
             self._publish_cell()
 

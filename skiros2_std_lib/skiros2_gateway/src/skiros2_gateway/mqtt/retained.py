@@ -21,6 +21,9 @@ _PAGE, _TIMEOUT = 50, 10.0
 #: The pause after a failure of the store (s).
 _PAUSE = 1.0
 
+#: The id of a job whose topics would be those of commands, and what they have instead; no id has a `%`.
+_COMMANDS, _ESCAPED = "in", "%69n"
+
 #: Publishes JSON data, or None, on a topic below the prefix.
 Publish = Callable[[str, Any], paho.MQTTMessageInfo | None]
 
@@ -32,12 +35,16 @@ class RetainedJobs:
         self._service = service
         self._publish = publish
 
+    def publish_response(self, job_id: str, response: dict[str, Any] | None) -> None:
+        """Publishes the response of a job as JSON data; None removes it."""
+        self._publish(_topic(job_id, "response"), response)
+
     def publish_state(self, job: dict[str, Any]) -> paho.MQTTMessageInfo | None:
         """Publishes the state of a job as of `Job.to_dict`; removes both topics of a cleared one."""
         if job["cleared"]:
-            self._publish(f"job/{job['id']}/response", None)
+            self.publish_response(job["id"], None)
         state = {"state": job["state"], "substate": job["substate"], "changed": job["changed"]}
-        return self._publish(f"job/{job['id']}/state", None if job["cleared"] else state)
+        return self._publish(_topic(job["id"], "state"), None if job["cleared"] else state)
 
     async def publish_all(self) -> None:
         """Publishes the states and responses of all jobs in the list, as fast as the broker takes them."""
@@ -47,7 +54,7 @@ class RetainedJobs:
                 jobs = self._service.store.jobs_after(last, _PAGE)
                 for job in jobs:
                     if job.response.collected:
-                        self._publish(f"job/{job.id}/response", {"job": job.id, **asdict(job.response)})
+                        self.publish_response(job.id, {"job": job.id, **asdict(job.response)})
                     sent = self.publish_state(self._service.control.get(job.id).to_dict())
                 if not jobs:
                     return
@@ -61,11 +68,13 @@ class RetainedJobs:
                 log.info("MQTT: the connection was lost while jobs were published: %s", error)
                 return
 
-    def check(self, job_id: str, kind: str) -> None:
+    def check(self, name: str, kind: str) -> None:
         """Removes a topic that the broker retains, if there is no such job or it has no response.
 
+        :param name: the job in the topic.
         :param kind: `state` or `response`.
         """
+        job_id = _COMMANDS if name == _ESCAPED else name
         try:
             job = self._service.control.get(job_id)
             is_wrong = job.cleared or (kind == "response" and not job.response.collected)
@@ -75,4 +84,8 @@ class RetainedJobs:
             log.error("MQTT: the topics of job %s stay: %s", job_id, error)
             return
         if is_wrong:
-            self._publish(f"job/{job_id}/{kind}", None)
+            self._publish(f"job/{name}/{kind}", None)
+
+
+def _topic(job_id: str, kind: str) -> str:
+    return f"job/{_ESCAPED if job_id == _COMMANDS else job_id}/{kind}"

@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 import shutil
+import subprocess
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -18,7 +19,7 @@ import pytest
 
 from skiros2_bags.core.bag_file import BagError
 from skiros2_common.core.errors import UnknownName
-from skiros2_gateway.core import recorded_bag
+from skiros2_gateway.core import bag_cache, recorded_bag
 from skiros2_gateway.core.bags import Bags
 from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.http.live import live_router, page_router
@@ -368,6 +369,42 @@ def test_bag_is_read_in_a_process_with_limits(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(recorded_bag, "_MAX_TIME", 0.01)
     with pytest.raises(BagError, match="not read within"):
         recorded_bag.read_scene(BAG)
+
+
+def test_bag_is_read_once_until_it_changes_also_after_a_restart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copy(BAG, tmp_path / "run.bag")
+    reads, run = [], subprocess.run
+    monkeypatch.setattr(subprocess, "run", lambda *args, **options: reads.append(args) or run(*args, **options))
+    first = Bags(tmp_path, tmp_path / "cache").open("run.bag")
+    for _ in range(2):
+        bags = Bags(tmp_path, tmp_path / "cache")
+        assert bags.open("run.bag") == bags.open("run.bag") == first
+    assert len(reads) == 1
+    os.utime(tmp_path / "run.bag", (1.0, 1.0))
+    assert bags.open("run.bag") == first
+    assert len(reads) == 2
+    monkeypatch.setattr(bag_cache, "_MAX_BYTES", 1)
+    os.utime(tmp_path / "run.bag", (2.0, 2.0))
+    bags.open("run.bag")
+    assert len([*(tmp_path / "cache").iterdir()]) == 1
+    assert (tmp_path / "cache").stat().st_mode & 0o777 == 0o700
+
+
+def test_list_has_the_progress_of_a_bag_that_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copy(BAG, tmp_path / "run.bag")
+    bags, seen, run = Bags(tmp_path), [], subprocess.run
+
+    def slowly(*args: Any, **options: Any) -> Any:
+        done = run(*args, **options)
+        seen.extend(bags.list())  # what the process has written at last
+        return done
+
+    monkeypatch.setattr(subprocess, "run", slowly)
+    bags.open("run.bag")
+    assert 0.0 < seen[0]["progress"] < 1.0
+    assert "progress" not in bags.list()[0]
 
 
 def test_viewer_gets_beats_while_nothing_changes_and_patches_at_once(in_gateway: Run) -> None:

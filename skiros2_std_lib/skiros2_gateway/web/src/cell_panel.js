@@ -142,7 +142,9 @@ export class CellPanel {
     try {
       const { bags } = await request("/api/live/bags");
       const open = async (name) => {
-        const bag = await request(`/api/live/bags/${encodeURIComponent(name)}`);
+        const progress = setInterval(() => void this.#readBags(), 500); // that of the first time takes seconds
+        const bag = await request(`/api/live/bags/${encodeURIComponent(name)}`).finally(() => clearInterval(progress));
+        void this.#readBags();
         if (!Object.keys(bag.runs).length) throw new Error(bag.damage || `${name} has no runs`);
         this.run.openBag(name, bag);
         if (bag.damage) throw new Error(bag.damage);
@@ -153,7 +155,7 @@ export class CellPanel {
         element.addEventListener("click", () => notify(open(bag.name)));
         return element;
       }, (element, bag) =>
-        fill(element, "idle", bag.name.replaceAll("~", "/").replaceAll("\\u{7e}", "~").replaceAll("\\u{5c}", "\\"), bag.size < 1e6 ? `${Math.ceil(bag.size / 1e3)} kB` : `${(bag.size / 1e6).toFixed(1)} MB`, new Date(bag.time * 1000).toLocaleString()));
+        fill(element, "idle", bag.name.replaceAll("~", "/").replaceAll("\\u{7e}", "~").replaceAll("\\u{5c}", "\\"), bag.progress !== undefined ? `${Math.round(100 * bag.progress)} % read` : bag.size < 1e6 ? `${Math.ceil(bag.size / 1e3)} kB` : `${(bag.size / 1e6).toFixed(1)} MB`, new Date(bag.time * 1000).toLocaleString()));
       empty(this.bags, "The gateway has no folder of bags (argument bags), or it is empty.");
     } catch (error) {
       notify(Promise.reject(error));

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import tempfile
 import threading
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from skiros2_bags.core.bag_file import BagError
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.names import nearest
-from skiros2_gateway.core.recorded_bag import read_runs, read_scene
+from skiros2_gateway.core.recorded_bag import RecordedRuns, bag_cache, read_runs, read_scene
 from skiros2_gateway.core.run_view import summary_data
 from skiros2_gateway.core.scene_history import SceneHistory, read_history
 from skiros2_live.core.scene_view import SceneView
@@ -23,7 +25,8 @@ _MAX_OPEN = 2
 @dataclass
 class _Bag:
     path: Path
-    tasks: list[TaskRun]
+    version: tuple[int, int]
+    found: RecordedRuns
     scenes: SceneHistory | None = None
 
 
@@ -31,20 +34,27 @@ class Bags:
     """Any thread.
 
     :param folder: of the bags, also in its subfolders; None: there are none.
+    :param cache: the folder for what was read of them; None: they are read again after each restart.
     """
 
-    def __init__(self, folder: Path | None) -> None:
+    def __init__(self, folder: Path | None, cache: Path | None = None) -> None:
         self._folder = folder
+        self._cache = bag_cache(cache)
+        self._progress: dict[str, Path] = {}
         self._reading = threading.Lock()
         self._open: dict[str, _Bag] = {}
 
     def list(self) -> list[dict[str, Any]]:
-        """Returns name, size (bytes) and time of the last change (s since the epoch) of each bag, the newest first."""
+        """Returns name, size (bytes) and time of the last change (s since the epoch) of each bag, the newest first; of
+        one that is being read also `progress`, the part that is done.
+        """
         data = []
         for name, path in self._paths().items():
             with suppress(OSError):  # it was removed meanwhile
                 stat = path.stat()
                 data.append({"name": name, "size": stat.st_size, "time": stat.st_mtime})
+                if (progress := self._progress.get(name)) is not None:
+                    data[-1]["progress"] = float(progress.read_text() or 0.0)
         return sorted(data, key=lambda bag: bag["time"], reverse=True)
 
     def open(self, name: str) -> dict[str, Any]:
@@ -59,16 +69,26 @@ class Bags:
             near = ", ".join(nearest(name, paths)) or "none"
             raise UnknownName(f"there is no bag {name!r} in {self._folder}; near: {near}")
         with self._reading:
-            found = read_runs(paths[name])
-            bag = _Bag(paths[name], found.tasks)
-            self._open.pop(name, None)
+            bag = self._open.pop(name, None)
+            if bag is None or bag.version != _version(paths[name]):
+                bag = self._read(name, paths[name])
             self._open[name] = bag
             while len(self._open) > _MAX_OPEN:
                 del self._open[next(iter(self._open))]
-        runs = {f"bag/{name}/{number}": summary_data(task) for number, task in enumerate(bag.tasks)}
+        found = bag.found
+        runs = {f"bag/{name}/{number}": summary_data(task) for number, task in enumerate(found.tasks)}
         for step, goal in found.goal_of.items():
             runs[f"bag/{name}/{step}"]["goal"] = f"bag/{name}/{goal}"
         return {"runs": runs, "goals": found.goals, "signals": found.signals, "damage": found.damage}
+
+    def _read(self, name: str, path: Path) -> _Bag:
+        version = _version(path)
+        with tempfile.NamedTemporaryFile() as progress:
+            self._progress[name] = Path(progress.name)
+            try:
+                return _Bag(path, version, read_runs(path, self._cache, Path(progress.name)))
+            finally:
+                del self._progress[name]
 
     def find_run(self, key: str) -> TaskRun:
         """Returns a run by its key.
@@ -88,13 +108,13 @@ class Bags:
         bag, _ = self._find(key)
         with self._reading:
             if bag.scenes is None:
-                bag.scenes = read_history(read_scene(bag.path), view)
+                bag.scenes = read_history(read_scene(bag.path, self._cache), view)
             return bag.scenes.at(time)
 
     def _find(self, key: str) -> tuple[_Bag, TaskRun]:
         name, _, number = key.removeprefix("bag/").rpartition("/")
         bag = self._open.get(name)
-        runs = {str(index): run for index, run in enumerate(bag.tasks)} if bag is not None else {}
+        runs = {str(index): run for index, run in enumerate(bag.found.tasks)} if bag is not None else {}
         if bag is None or number not in runs:
             raise UnknownName(f"there is no run {key!r}: open the bag {name!r} first")
         return bag, runs[number]
@@ -111,6 +131,18 @@ class Bags:
         for path in filter(_is_file, self._folder.rglob("*.bag")):
             found["~".join(map(_coded, path.relative_to(self._folder).parts))] = path
         return found
+
+
+def _version(path: Path) -> tuple[int, int]:
+    """Returns what differs once a file has changed.
+
+    :raises BagError: it cannot be read.
+    """
+    try:
+        stat = path.stat()
+    except OSError as error:
+        raise BagError(f"{path}: {error}") from error
+    return stat.st_size, stat.st_mtime_ns
 
 
 def _coded(name: str) -> str:

@@ -1,7 +1,7 @@
 """Bags are read in a process of their own: one that was made to harm ends that process, and not the gateway.
 
-`python3 -m skiros2_gateway.core.recorded_bag PART PATH BYTES` writes the part (`runs` or `scene`) of a bag to its
-output; it takes at most so much memory.
+`python3 -m skiros2_gateway.core.recorded_bag PART PATH BYTES PROGRESS` writes the part (`runs` or `scene`) of a bag to
+its output; it takes at most that many bytes of memory. The file PROGRESS has the part that is done (0 to 1).
 """
 
 from __future__ import annotations
@@ -12,18 +12,20 @@ import pickle
 import resource
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NoReturn
 
-from skiros2_bags.core.bag_file import MONITOR, BagError
+from skiros2_bags.core.bag_file import MONITOR, BagError, BagFile, Message
 from skiros2_bags.core.recorded_cell import goal_indices, recorded_cell
 from skiros2_bags.core.recorded_signals import recorded_signals
 from skiros2_bags.core.run import Run
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element
+from skiros2_gateway.core.bag_cache import BagCache
+from skiros2_live.core.cell import CellDocument
 from skiros2_live.core.scene_view import frames_data
 from skiros2_runs.core.task_run import TaskRun
 from skiros2_world_model.core.replica import apply_change
@@ -34,6 +36,13 @@ MAX_MEMORY = 2 * 1024**3
 _MAX_TIME = 300.0
 
 _TF = ("/tf", "/tf_static")
+
+#: The status of a process whose output says why the bag cannot be read.
+_REFUSED = 3
+
+#: How often a part goes through the bag, about, and after how many messages the progress is written.
+_PASSES = {"runs": 4, "scene": 3}
+_REPORTED = 500
 
 
 @dataclass
@@ -66,36 +75,62 @@ class RecordedScene:
     frames: list[tuple[float, str, list[Any]]] = field(default_factory=list)
 
 
-def read_runs(path: Path) -> RecordedRuns:
+def read_runs(path: Path, cache: BagCache | None = None, progress: Path | None = None) -> RecordedRuns:
     """Reads the runs of a bag. Blocks.
 
+    :param progress: a file, which has the part that is done (0 to 1).
     :raises BagError: it cannot be read within the limits of memory and time.
     """
-    runs = _read("runs", path)
+    runs = _load("runs", path, cache, progress)
     assert isinstance(runs, RecordedRuns)
     return runs
 
 
-def read_scene(path: Path) -> RecordedScene:
-    """Reads the scene in a bag. Blocks; raises like `read_runs`."""
-    scene = _read("scene", path)
+def read_scene(path: Path, cache: BagCache | None = None, progress: Path | None = None) -> RecordedScene:
+    """Reads the scene in a bag. Blocks; as `read_runs`."""
+    scene = _load("scene", path, cache, progress)
     assert isinstance(scene, RecordedScene)
     return scene
 
 
-def _read(part: str, path: Path) -> Any:
-    command = [sys.executable, "-m", __name__, part, str(path), str(MAX_MEMORY)]
+def bag_cache(folder: Path | None) -> BagCache:
+    """Returns the cache in a folder; None: nothing is kept."""
+    modules = (__name__, TaskRun.__module__, CellDocument.__module__, recorded_cell.__module__, Run.__module__)
+    return BagCache(folder, [Path(str(sys.modules[name].__file__)) for name in modules])
+
+
+def _load(part: str, path: Path, cache: BagCache | None, progress: Path | None) -> Any:
+    return pickle.loads((cache or BagCache(None)).get(part, path, lambda: _read(part, path, progress)))
+
+
+def _read(part: str, path: Path, progress: Path | None) -> bytes:
+    command = [sys.executable, "-m", __name__, part, str(path), str(MAX_MEMORY), str(progress or os.devnull)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "OPENBLAS_NUM_THREADS": "1"}
     try:
         done = subprocess.run(command, stdout=subprocess.PIPE, env=environment, timeout=_MAX_TIME, check=False)
     except subprocess.TimeoutExpired:
         raise BagError(f"{path}: it was not read within {_MAX_TIME:g} s") from None
+    if done.returncode == _REFUSED:
+        raise BagError(done.stdout.decode())
     if done.returncode != 0:
         raise BagError(f"{path}: the process that read it has ended with status {done.returncode}")
-    found = pickle.loads(done.stdout)
-    if isinstance(found, str):
-        raise BagError(found)
-    return found
+    return done.stdout
+
+
+class _ReportingBag(BagFile):
+    """A bag that reports how much of it was read."""
+
+    def __init__(self, path: Path, passes: int, report: Callable[[float], None]) -> None:
+        super().__init__(path)
+        self._passes, self._begun, self._report = passes, 0, report
+
+    def messages(self, *wanted: str, until: float | None = None) -> Iterator[Message]:
+        begun, duration = self._begun, max(self.end - self.start, 1e-9)
+        self._begun += 1
+        for number, message in enumerate(super().messages(*wanted, until=until)):
+            if number % _REPORTED == 0:
+                self._report(min(0.99, (begun + (message.time - self.start) / duration) / self._passes))
+            yield message
 
 
 def _runs(run: Run) -> RecordedRuns:
@@ -138,21 +173,34 @@ def _dumped(value: Any) -> bytes:
     return buffer.getvalue()
 
 
-def main(part: str, path: str, memory: int) -> None:
-    """Reads a part of a bag, and writes it to the output; a text says why it cannot be read."""
+def main(part: str, path: str, memory: int, progress: str) -> None:
+    """Reads a part of a bag, and writes it to the output; with the status `_REFUSED`, why it cannot be read."""
     _, most = resource.getrlimit(resource.RLIMIT_DATA)
     resource.setrlimit(resource.RLIMIT_DATA, (memory, most))
     try:
-        data = _dumped(_PARTS[part](Run.open(path)))
+        with open(progress, "w") as file:
+
+            def report(done: float) -> None:
+                file.seek(0)
+                file.write(f"{done:.3f}")
+                file.flush()
+
+            data = _dumped(_PARTS[part](Run(_ReportingBag(Path(path), _PASSES[part], report))))
     except MemoryError:
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
-        data = pickle.dumps(f"{path}: it needs more than {memory / 1024**2:.0f} MB of memory")
+        _refuse(f"{path}: it needs more than {memory / 1024**2:.0f} MB of memory")
     except SkirosError as error:
-        data = pickle.dumps(str(error))
+        _refuse(str(error))
     sys.stdout.buffer.write(data)
+
+
+def _refuse(text: str) -> NoReturn:
+    sys.stdout.buffer.write(text.encode("utf-8", "replace"))
+    sys.stdout.flush()
+    sys.exit(_REFUSED)
 
 
 if __name__ == "__main__":
     from skiros2_gateway.core import recorded_bag  # the classes are found by this name when they are read
 
-    recorded_bag.main(sys.argv[1], sys.argv[2], int(sys.argv[3]))
+    recorded_bag.main(sys.argv[1], sys.argv[2], int(sys.argv[3]), sys.argv[4])

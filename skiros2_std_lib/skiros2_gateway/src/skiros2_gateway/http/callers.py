@@ -70,7 +70,16 @@ def token_of(request: Request) -> str:
     return token.strip() if kind.lower() == "bearer" else ""
 
 
+async def _caller(request: Request) -> Caller:
+    return caller_of(request)
+
+
+async def _service(request: Request) -> Service:
+    return service_of(request)
+
+
+# Functions that are not async would run in other threads: a third of the time of a short request, and beside the loop.
 #: The authenticated caller as the argument of a route.
-CallerArg = Annotated[Caller, Depends(caller_of)]
+CallerArg = Annotated[Caller, Depends(_caller)]
 #: The service as the argument of a route.
-ServiceArg = Annotated[Service, Depends(service_of)]
+ServiceArg = Annotated[Service, Depends(_service)]

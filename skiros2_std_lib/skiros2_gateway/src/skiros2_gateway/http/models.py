@@ -351,6 +351,7 @@ class Bag(BaseModel):
     name: str
     size: int
     time: float
+    progress: float = Field(1.0, description="while it is read: the part that is done; missing otherwise")
 
 
 class Bags(BaseModel):

@@ -10,7 +10,8 @@ Topics below the prefix (`skiros2` by default):
 - `job/ID/state`, retained: {state, substate, changed}; `job/ID/response`, retained: the complete response. Both are
   removed when the job is cleared. After each connection those of all jobs in the list are published again, also of jobs
   that have ended, and those of jobs that are gone are removed. A job with the id `in` has the topics `job/%69n/...`.
-- `cell`, retained: robots and queue. `world/ID`, retained: an element of the world model; removed with the element.
+- `cell`, retained: robots, and the first 100 jobs of the queue. `world/ID`, retained: an element of the world model;
+  removed with the element.
   `%`, `#`, `+`, `/` and control characters of an id are written as in URLs: `%23`.
 - `status`, retained: `online`; `offline` as the last will.
 
@@ -54,6 +55,8 @@ log = logging.getLogger(__name__)
 #: Delivered at least once; commands are idempotent by the job id.
 _QOS = 1
 _MAX_QUEUED = 10_000
+#: The jobs in the topic `cell`.
+_QUEUE = 100
 #: The pause after an internal error (s).
 _PAUSE = 1.0
 #: Characters of an id that would change the meaning of a topic, or that MQTT forbids.
@@ -269,7 +272,7 @@ class MqttBridge:
         self._client.unsubscribe([self._topic(f"job/+/{kind}") for kind in _KINDS])
 
     def _publish_cell(self) -> None:
-        queue = [{"id": job.id, "state": job.state.value} for job in self._service.control.open_jobs]
+        queue = [{"id": job.id, "state": job.state.value} for job in self._service.control.jobs.ordered(_QUEUE)]
         self._publish("cell", {**self._service.control.cell.state(), "queue": queue})
 
     def _publish(self, topic: str, data: Any, *, retain: bool = True) -> paho.MQTTMessageInfo | None:

@@ -28,7 +28,7 @@ from skiros2_gateway.core.store import JobFilter
 from skiros2_gateway.opcua.arguments import described, wrong_arguments
 from skiros2_gateway.opcua.identity import cell_name, own_certificate
 from skiros2_gateway.opcua.job_states import JobStates
-from skiros2_gateway.opcua.lists import RESPONSES, JobLists
+from skiros2_gateway.opcua.lists import RESPONSES, JobLists, ListVariable
 from skiros2_gateway.opcua.model import CELL_NAMESPACE, PROVIDER_METHODS, JobModel, build_model
 from skiros2_gateway.opcua.orders import job_response, order_data, wanted_states, work_master
 from skiros2_gateway.opcua.return_status import ReturnStatus
@@ -46,9 +46,9 @@ _caller: ContextVar[Caller | None] = ContextVar("caller", default=None)
 
 #: The most connections, and the longest time from the begin of one to its login (s).
 _MAX_CONNECTIONS, _LOGIN_TIMEOUT = 100, 10.0
-#: How long changes of jobs are gathered before the lists are written (s).
+#: How long changes of jobs are gathered before the lists are sent to clients (s).
 _LIST_PERIOD = 0.1
-#: The pause after lists were written, as a multiple of the time that it took: thousands of jobs delay nothing else.
+#: The pause after lists were sent, as a multiple of the time that it took: thousands of jobs delay nothing else.
 _LIST_PAUSE = 20.0
 
 
@@ -292,15 +292,17 @@ class OpcuaServer:
         await self._model.children["EquipmentID"].write_value(ua.Variant(names, ua.VariantType.String, is_array=True))
 
     async def _write_lists(self) -> None:
+        makes = {"JobOrderList": self._lists.orders, "JobOrderResponseList": self._lists.responses}
+        variables = [ListVariable(self._server, self._model.children[name], make) for name, make in makes.items()]
         while True:
             await self._has_changes.wait()
             self._has_changes.clear()
             begin = time.thread_time()
             try:
-                await self._write("JobOrderList", self._lists.orders())
-                await self._write("JobOrderResponseList", self._lists.responses())
+                for variable in variables:
+                    await variable.on_change()
             except Exception:
-                log.exception("OPC UA: the lists of jobs are unchanged")
+                log.exception("OPC UA: the lists of jobs are not sent")
             await asyncio.sleep(max(_LIST_PERIOD, _LIST_PAUSE * (time.thread_time() - begin)))
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:

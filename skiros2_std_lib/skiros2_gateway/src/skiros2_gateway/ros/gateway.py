@@ -148,7 +148,7 @@ def _live_view(
     live = LiveRos(cell)
     stack.callback(live.close)
     stack.callback(asyncio.get_running_loop().create_task(view.follow(service)).cancel)
-    bags = Bags(Path(settings.bags).expanduser() if settings.bags else None)
+    bags = Bags(Path(settings.bags).expanduser() if settings.bags else None, settings.make_folder() / "bags")
     page = _share() / "page"  # missing if it was not built
     return [live_router(view, live, bags, stop_port), alarms_router(view), page_router(page, stop_port)]
 

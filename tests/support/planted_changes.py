@@ -301,11 +301,8 @@ def _twice(name: str) -> Callable[[Patch], None]:
     return replaced(WorldModelClient, name, wrapped)
 
 
-_WITHOUT_CHANGE = "writes that change nothing"
-
-
-def _world(name: str, plant: Callable[[Patch], object], bag: str = TIMED, not_compared: str = "") -> PlantedChange:
-    return PlantedChange("world model", name, bag, plant, not_compared=not_compared)
+def _world(name: str, plant: Callable[[Patch], object], bag: str = TIMED) -> PlantedChange:
+    return PlantedChange("world model", name, bag, plant)
 
 
 def _inverted(genuine: Any) -> Any:
@@ -325,8 +322,12 @@ WORLD = [
     _world("a pose differs by 1 nm", edited(transport_skills, "at_height", "height}", "height + 1e-9}")),
     _world("a text has another number", edited(engine_skills.note_end, "onEnd", "weighs 0.08 t", "weighs 0.09 t"),
         ENGINE),
-    _world("a property is written twice", _twice("update_element_properties"), not_compared=_WITHOUT_CHANGE),
-    _world("an element is written twice", _twice("update_element"), not_compared=_WITHOUT_CHANGE),
+    _world("a property is written twice", _twice("update_element_properties")),
+    _world("an element is written twice", _twice("update_element")),
+    _world("the same value is not written again", edited(engine_skills.set_weight, "execute",
+        'robot.setProperty(WEIGHT',
+        'if robot.value_of(WEIGHT) == self.params["Weight"].value: return self.success("written")\n    '
+        "robot.setProperty(WEIGHT"), ENGINE),
     _world("a rotation is inverted", replaced(engine_skills, "composed", _inverted), ENGINE),
     _world("the reasoner inverts a rotation", replaced(codes, "from_euler",
         lambda genuine: lambda roll, pitch, yaw: genuine(-roll, -pitch, -yaw)), ENGINE),

@@ -155,6 +155,7 @@ class engine_run(SkillBase):
                 self.skill("SetWeight", "set_weight", specify={"Weight": 5.0}),
                 self.skill("SetWeight", "set_weight", specify={"Weight": 15.5}),
             ),
+            self.skill("SetWeight", "set_weight", specify={"Weight": 15.5}),  # writes what is there
             self.skill(ParallelFf())(
                 self.skill("Wait", "wait", specify={"Duration": 0.2}),
                 self.skill("Wait", "wait", specify={"Duration": 0.5}),

@@ -28,7 +28,7 @@ def test_outcomes_of_skills_are_counted(engine: Coverage) -> None:
 
 
 def test_conditions_are_counted_by_their_results(engine: Coverage) -> None:
-    assert engine.skills["set_weight"].conditions == {"post-condition Heavy": Outcomes(good=2, bad=1)}
+    assert engine.skills["set_weight"].conditions == {"post-condition Heavy": Outcomes(good=3, bad=1)}
     assert engine.skills["watched_run"].conditions["hold-condition Light"] == Outcomes(good=1, bad=1)
     assert not engine.lacks_evidence
 
@@ -36,7 +36,7 @@ def test_conditions_are_counted_by_their_results(engine: Coverage) -> None:
 def test_branches_are_counted_below_their_skill(engine: Coverage) -> None:
     branches = engine.skills["engine_run"].branches
     assert branches["7 fallback ?", "1 set_weight"] == Outcomes(bad=1)
-    assert branches["9 parallel |fs|", "2 wait"] == Outcomes(preempted=1)
+    assert branches["10 parallel |fs|", "2 wait"] == Outcomes(preempted=1)
 
 
 def test_several_bags_add_up_and_the_package_shows_what_none_has_run(capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from skiros2_bags.core.run import Run
+from skiros2_bags.testing.field_tolerances import FieldTolerances
 from skiros2_bags.testing.recorded_world import world_model_with
 from skiros2_bags.testing.recording import Recording, SignalMessage, TaskProgress
 from skiros2_bags.testing.rerun import Settings, rerun
@@ -47,7 +48,7 @@ BAG = ROOT / "tests" / "bags" / "contact.bag"
 STATE, WRENCH = "/piston_cell/right_arm/right_compliant/state", "/piston_cell/right_arm/wrist/wrench"
 IMAGE, INFO = "/piston_cell/camera/depth/image_raw", "/piston_cell/camera/depth/camera_info"
 MOTIONS = {"approach_grasp", "approach_target", "move_until_contact", "spiral_search", "insert_part", "retract_tool"}
-SETTINGS = Settings(SCENE.parent, tolerance=Tolerance(0.02, 0.02))
+SETTINGS = Settings(SCENE.parent, tolerances=FieldTolerances(Tolerance(0.02, 0.02)))
 CAMERA = "skiros:DepthCamera-27"
 TICK = 0.04  # s
 

@@ -16,6 +16,7 @@ from rosbags.rosbag1 import Reader, Writer
 from skiros2_bags.command_line.replay import main
 from skiros2_bags.core.bag_file import BagError
 from skiros2_bags.testing.fake_action_clients import RecordedActions
+from skiros2_bags.testing.field_tolerances import FieldTolerances
 from skiros2_bags.testing.recording import Recording, recorded_tasks
 from skiros2_bags.testing.rerun import Settings, rerun
 from skiros2_bags.testing.stored import Stored, read_stored
@@ -23,18 +24,18 @@ from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_demo_skills import timed_motions, transport_skills
 from skiros2_runs.core.states import TaskState
-from skiros2_runs.core.tolerance import COMMANDED, Tolerance
+from skiros2_runs.core.tolerance import Tolerance
 from skiros2_skill.core.processors import ParallelFs
 from support.ros import ROOT
 
 BAGS = ROOT / "tests" / "bags"
 WORKSPACE = ROOT / "skiros2_std_lib/demos/timed_skills/owl"
 SETTINGS = Settings(WORKSPACE)
-UNSEEN = [
-    "writes that change nothing: the world model publishes none",
-    "the plans of 1 goal: with --plans they are made again",
-]
-SIMULATED = Settings(ROOT / "skiros2_std_lib/demos/pick_and_place/owl", tolerance=Tolerance(0.02, 0.02))
+UNSEEN = ["1 plan: with --plans they are made again"]
+WITHIN = "message 0.001 (relative 0.001), value 0.001 (relative 0.001), pose exact; all else exact"
+SIMULATED = Settings(
+    ROOT / "skiros2_std_lib/demos/pick_and_place/owl", tolerances=FieldTolerances(Tolerance(0.02, 0.02))
+)
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +96,7 @@ def test_server_whose_status_is_recorded_is_not_silent_before_the_goal_is_due(gr
     without_goals = copy(gripper)
     without_goals.events = [e for e in gripper.events if getattr(e, "part", "") != "goal"]
     last = tasks[-1].progress[-1]
-    actions = RecordedActions(without_goals, COMMANDED)
+    actions = RecordedActions(without_goals, FieldTolerances())
     actions.deliver_answers(last, last, lambda skill: (None, None), False)
     gripper_client, other = actions.client("/gripper", None), actions.client("/other", None)
     assert not gripper_client.is_connected()
@@ -185,16 +186,18 @@ def test_shorter_motion_names_its_tick(pick_place: Recording, monkeypatch: pytes
 
 def test_program_prints_the_result(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(BAGS / "timed_drive.bag"), "--workspace", str(WORKSPACE)]) == 0
-    assert capsys.readouterr().out.splitlines() == ["as recorded", *(f"not compared: {each}" for each in UNSEEN)]
+    lines = ["as recorded", f"tolerances: {WITHIN}", *(f"not compared: {each}" for each in UNSEEN)]
+    assert capsys.readouterr().out.splitlines() == lines
     assert main([str(BAGS / "timed_drive.bag"), "--workspace", str(WORKSPACE), "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {
         "divergence": None,
         "orders": 1,
         "declared": [],
         "not_compared": UNSEEN,
-        "plans": {"worse": [], "different": []},
+        "plans": {"worse": [], "different": [], "not_compared": []},
         "missing": [],
         "stored_orders": None,
+        "tolerances": WITHIN,
     }
     assert main([str(BAGS / "none.bag")]) == 2
     assert "there is no such file" in capsys.readouterr().err
@@ -227,9 +230,9 @@ def test_tolerance_and_orders_are_stored_with_the_bag(tmp_path: Path, capsys: py
     bag.write_bytes((BAGS / "timed_drive.bag").read_bytes())
     options = [str(bag), "--workspace", str(WORKSPACE)]
     assert main([*options, "--store", "--relative", "0.05", "--absolute", "0.01"]) == 0
-    assert read_stored(bag) == Stored(1, 0.05, 0.01)
+    assert read_stored(bag) == Stored(1, FieldTolerances(Tolerance(0.05, 0.01)))
     assert main(options) == 0
-    Stored(0, 0.05, 0.01).write(bag)
+    Stored(0, FieldTolerances(Tolerance(0.05, 0.01))).write(bag)
     capsys.readouterr()
     assert main(options) == 0
     assert "warning: 0 were enough when that was stored" in capsys.readouterr().out

@@ -70,11 +70,13 @@ def report_text(state: int, code: int, message: str) -> str:
 # -- one tick ----------------------------------------------------------------------------------------------------------
 
 
-def first_difference(expected: Nodes, got: Nodes, tolerance: Tolerance) -> tuple[int, ...] | None:
+def first_difference(expected: Nodes, got: Nodes, tolerance_of: Callable[[str], Tolerance]) -> tuple[int, ...] | None:
     """Returns the index path of the most specific node that differs between two trees; None for equal trees.
 
     In order of priority: the first node with a different skill; the deepest that failed in only one tree; the first
     that exists in only one tree; the deepest.
+
+    :param tolerance_of: returns the tolerance of numbers in the messages of a skill, by its label.
     """
     mismatches: list[tuple[int, int, tuple[int, ...]]] = []
     for index_path in {*expected, *got}:
@@ -83,7 +85,7 @@ def first_difference(expected: Nodes, got: Nodes, tolerance: Tolerance) -> tuple
             mismatches.append((2, len(index_path), index_path))
         elif one.type != other.type:
             mismatches.append((0, len(index_path), index_path))
-        elif not nodes_match(one, other, tolerance):
+        elif not nodes_match(one, other, tolerance_of(one.label)):
             one_failed = (other.state == FAILURE) != (one.state == FAILURE)
             mismatches.append((1 if one_failed else 3, -len(index_path), index_path))
     return min(mismatches)[2] if mismatches else None

@@ -31,7 +31,7 @@ class Tolerance:
     @property
     def is_exact(self) -> bool:
         """Whether only rounding is tolerated: then texts must be equal."""
-        return self.relative < 1e-6
+        return self.relative < 1e-6 and self.absolute < 1e-6
 
     def close(self, one: float, other: float) -> bool:
         """Whether two numbers count as equal."""

@@ -21,6 +21,7 @@ from skiros2_common.core.operations import (
 )
 from skiros2_common.core.reasoner_registry import data_of
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element, RelationDict
+from skiros2_common.core.write_notes import note_write
 from skiros2_world_model.core.changes import added_elements, remaining_changes, written, written_properties
 from skiros2_world_model.core.history import HistoryEntry, Point
 from skiros2_world_model.core.report import Report
@@ -48,7 +49,9 @@ class WorldModelClient(SceneQueries):
         :raises WmConflict: an element of an `Expect` has changed since it was read.
         """
         with wm_errors():
-            return self.transport.transact(operations, context_id)
+            outcome = self.transport.transact(operations, context_id)
+        note_write(operations)
+        return outcome
 
     def set_last_will(self, actions: Sequence[CleanupAction]) -> None:
         """Sets the cleanup actions that the world model runs when the node of this process dies.
@@ -241,6 +244,8 @@ class WorldModelClient(SceneQueries):
         if operations:
             outcome = self.transact(operations, context_id)
             self._refresh(given, Outcome(outcome.ids[len(before) :], outcome.changes), context_id)
+        else:
+            note_write(unchanged=[element.id for element in elements])
         changed = set(map(id, given))
         unchanged = [element for element in elements if id(element) not in changed]
         self._refresh(unchanged, Outcome([self._known(element, context_id) for element in unchanged]), context_id)
@@ -253,7 +258,11 @@ class WorldModelClient(SceneQueries):
         :raises WmException: the element does not exist.
         """
         operations = written_properties(e, keys)
-        outcome = self.transact(operations, context_id) if operations else Outcome([self._known(e, context_id)])
+        if operations:
+            outcome = self.transact(operations, context_id)
+        else:
+            outcome = Outcome([self._known(e, context_id)])
+            note_write(unchanged=[e.id])
         remaining = remaining_changes(e, keys)
         self._refresh([e], outcome, context_id, keep_children=True)
         remaining.restore(e)

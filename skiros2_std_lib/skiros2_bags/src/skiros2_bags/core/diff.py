@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -251,6 +251,9 @@ def _values(element: Element, key: str) -> list[object] | None:
 #: The property with the name of a robot's skill manager; with a leading slash in older bags.
 _MANAGER = "skiros:SkillMgr"
 
+#: Returns the tolerance of a property by its key.
+ToleranceOf = Callable[[str], Tolerance]
+
 #: Properties that differ in every run.
 STAMPS = frozenset({"skiros:TfTimeStamp"})
 
@@ -264,15 +267,14 @@ Names = tuple[Mapping[str, str], Mapping[str, str]]
 def diff_elements(
     expected: Element,
     got: Element,
-    tolerance: Tolerance,
+    tolerance: Tolerance | ToleranceOf,
     ignored: Collection[str] = STAMPS,
-    commanded: Tolerance | None = None,
     names: Names = ({}, {}),
 ) -> list[str]:
     """Returns the differences between two elements, one line each.
 
     :param ignored: keys of properties that are not compared.
-    :param commanded: the tolerance of all values but poses; None: also `tolerance`.
+    :param tolerance: of all values, or what returns that of a property by its key.
     :param names: replace ids in relations, in the first and in the second run.
     """
     lines = []
@@ -282,7 +284,7 @@ def diff_elements(
         wanted, found = (e.property_view[key].values if key in e.property_view else [] for e in (expected, got))
         if key == _MANAGER:
             wanted, found = ([str(v).lstrip("/") for v in values] for values in (wanted, found))
-        if not same_values(wanted, found, tolerance if commanded is None or POSE.fullmatch(key) else commanded):
+        if not same_values(wanted, found, tolerance if isinstance(tolerance, Tolerance) else tolerance(key)):
             lines.append(f"{key} is {_format_values(found)}, expected {_format_values(wanted)}")
     wanted_relations, found_relations = _relations(expected, names[0]), _relations(got, names[1])
     lines += [f"lacks {' '.join(relation)}" for relation in sorted(wanted_relations - found_relations)]
@@ -292,15 +294,14 @@ def diff_elements(
 def diff_changes(
     expected: Change,
     got: Change,
-    tolerance: Tolerance,
+    tolerance: Tolerance | ToleranceOf,
     unchanged: Mapping[str, Collection[str]] | None = None,
-    commanded: Tolerance | None = None,
     names: Names = ({}, {}),
 ) -> list[str]:
     """Returns the differences between two changes, one line each.
 
     :param unchanged: the keys of properties that neither change has written, by element: they are not compared.
-    :param commanded, names: see `diff_elements`.
+    :param tolerance, names: see `diff_elements`.
     """
     ignored = {eid: STAMPS.union(keys) for eid, keys in (unchanged or {}).items()}
     wanted, found = {e.id: e for e in expected.elements}, {e.id: e for e in got.elements}
@@ -309,7 +310,7 @@ def diff_changes(
     lines = [
         f"{eid} {line}"
         for eid in wanted
-        for line in diff_elements(wanted[eid], found[eid], tolerance, ignored.get(eid, STAMPS), commanded, names)
+        for line in diff_elements(wanted[eid], found[eid], tolerance, ignored.get(eid, STAMPS), names)
     ]
     if _facts(expected.relations) != _facts(got.relations):
         lines.append(f"{summary(got)}, expected {summary(expected)}")

@@ -7,9 +7,10 @@ import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
+from skiros2_bags.testing.field_tolerances import FieldTolerances
 from skiros2_runs.core.compare import path_text
 from skiros2_runs.core.frame import NodeProgress
-from skiros2_runs.core.tolerance import COMMANDED, Tolerance, same_data
+from skiros2_runs.core.tolerance import COMMANDED, same_data
 from skiros2_skill.core.engine.evidence import Entry
 
 _NAMES = {"pre": "pre-condition", "hold": "hold-condition", "post": "post-condition"}
@@ -19,13 +20,13 @@ class RecordedEvidence:
     """The recorded entries of a task, and how far a re-run has made the same.
 
     :param entries: the recorded ones, oldest first.
-    :param tolerance: of values that a skill has pulled or pushed; given ones are compared exactly.
+    :param tolerances: of values that a skill has pulled or pushed; given ones are compared exactly.
     :param played: keys that played skills have pushed: what others pull of them while these run was not recorded.
     """
 
-    def __init__(self, entries: Sequence[Entry], tolerance: Tolerance, played: Collection[str] = ()) -> None:
+    def __init__(self, entries: Sequence[Entry], tolerances: FieldTolerances, played: Collection[str] = ()) -> None:
         self._entries = _sorted_pushes(entries)
-        self._tolerance = tolerance
+        self._tolerances = tolerances
         self._played = played
         self._number = 0
 
@@ -65,9 +66,12 @@ class RecordedEvidence:
         if wanted[:3] != entry[:3]:
             return False
         if wanted[1] == "pulled":
-            values = ({key: v for key, v in each[3].items() if key not in self._played} for each in (wanted, entry))
-            return same_data(next(values), next(values), self._tolerance)
-        return same_data(wanted[3], entry[3], self._tolerance if wanted[1] == "push" else COMMANDED)
+            one, two = ({k: v for k, v in each[3].items() if k not in self._played} for each in (wanted, entry))
+            return one.keys() == two.keys() and all(
+                same_data(one[key], two[key], self._tolerances.of_value(key)) for key in one
+            )
+        tolerance = self._tolerances.of_value(wanted[2]) if wanted[1] == "push" else COMMANDED
+        return same_data(wanted[3], entry[3], tolerance)
 
 
 def _sorted_pushes(entries: Iterable[Entry]) -> list[Entry]:
@@ -104,6 +108,8 @@ def _text(entry: Entry) -> str:
         return f"{_NAMES[kind]} {name} {'holds' if value else 'does not hold'}"
     if kind == "hook":
         return f"{name} is called"
+    if kind == "write":
+        return f"writes: {name}"
     if kind == "push":
         return f"{name} is taken off the blackboard" if value is None else f"pushes {name} = {_values(value)}"
     return f"{name} starts with {_values(value)}"

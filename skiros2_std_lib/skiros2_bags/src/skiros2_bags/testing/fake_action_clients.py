@@ -11,10 +11,12 @@ import genpy
 from actionlib import CommState
 from actionlib_msgs.msg import GoalStatus
 
+from skiros2_bags.testing.field_tolerances import FieldTolerances
 from skiros2_bags.testing.recording import ActionMessage, Recording, ServerStatus, TaskProgress
 from skiros2_runs.core.frame import NodeProgress
 from skiros2_runs.core.states import ENDS, RUNNING, SUCCESS
 from skiros2_runs.core.tolerance import Tolerance, same_text
+from skiros2_skill.core.engine.hooks import PREEMPTED
 from skiros2_std_skills.action_client_primitive import GOAL_SENT, WAITING
 
 #: Largest time in the bag between a message of an action and the progress message of its tick (s). Recorders and nodes
@@ -37,13 +39,13 @@ class RecordedActions:
     Goals and cancel requests are matched with the recorded ones of the same sender, in order. `deliver_answers` passes
     the recorded answers to the clients before each tick. Not thread-safe.
 
-    :param tolerance: of numbers in goals.
+    :param tolerances: of numbers in goals.
     """
 
-    def __init__(self, recording: Recording, tolerance: Tolerance) -> None:
+    def __init__(self, recording: Recording, tolerances: FieldTolerances) -> None:
         self._goals = [e for e in recording.action_messages if e.part == "goal"]
         self._cancels = [e for e in recording.action_messages if e.part == "cancel"]
-        self._tolerance = tolerance
+        self._tolerances = tolerances
         self._sent: dict[str, FakeActionClient] = {}  # by the recorded goal's id
         self._answers: dict[str, list[ActionMessage]] = {}  # by the recorded goal's id
         for event in recording.action_messages:
@@ -66,13 +68,14 @@ class RecordedActions:
         return FakeActionClient(self, name if name.startswith("/") else f"/{name}")
 
     def deliver_answers(
-        self, before: TaskProgress, progress: TaskProgress, states_of: StatesOf, has_result: bool
+        self, before: TaskProgress, progress: TaskProgress, states_of: StatesOf, has_result: bool, counts: bool = True
     ) -> None:
         """Delivers the answers that the servers had sent by a tick.
 
         :param before, progress: recorded progress before and after the tick; the same object in the first tick.
         :param states_of: returns the recorded node of a skill in `before` and in `progress`.
         :param has_result: see `Ordering.results`.
+        :param counts: see `Ordering.counts`.
         """
         self._now = progress.time
         then, now = before.frame.nodes, progress.frame.nodes
@@ -80,7 +83,7 @@ class RecordedActions:
         self._messages = {node.message for node in now.values() if node.state == RUNNING}
         self._sends_goal = any(_reports_goal(node) and path not in old for path, node in now.items())
         for client in self._sent.values():
-            client.deliver(progress, states_of, has_result)
+            client.deliver(progress, states_of, has_result, counts)
 
     # -- for the clients ---------------------------------------------------------------------------------------------
 
@@ -101,7 +104,7 @@ class RecordedActions:
         if expected is None:
             self.mismatches.append((f"a goal to {client.ns}", "no further goal", _format_value(goal)))
             return
-        differences = list(diff_messages(expected.content, goal, self._tolerance))
+        differences = list(diff_messages(expected.content, goal, self._tolerances.of_goal(client.ns)))
         if differences:
             field, wanted, found = differences[0]
             self.mismatches.append((f"a goal to {client.ns}, field {field}", wanted, found))
@@ -194,7 +197,7 @@ class FakeActionClient:
         if active_cb is not None:
             active_cb()
 
-    def deliver(self, progress: TaskProgress, states_of: StatesOf, has_result: bool) -> None:
+    def deliver(self, progress: TaskProgress, states_of: StatesOf, has_result: bool, counts: bool) -> None:
         """Delivers the answers that the server had sent by a tick.
 
         An answer close to the tick may belong to it or to a later tick. The progress code decides: a primitive counts
@@ -205,12 +208,16 @@ class FakeActionClient:
         number = sum(event.order < progress.order for event in self.awaited)
         before, now = states_of(getattr(self._feedback_cb or self._done_cb, "__self__", None))
         if now is not None and now.state in ENDS:
+            if now.code != PREEMPTED and not any(event.part == "result" for event in self.awaited[:at_most]):
+                at_most = sum(event.time <= progress.time + RECORDER_LAG for event in self.awaited)
             number = at_most
             if now.state == SUCCESS and before is not None and before.state == RUNNING:
                 number -= self._drop_late_feedback(at_most, now.code - before.code - 1)
         elif now is not None and before is not None and before.state == now.state == RUNNING:
             number = now.code - before.code - 1
             at_most = sum(event.time <= progress.time + RECORDER_LAG for event in self.awaited)
+            if counts:
+                surely = 0  # its steps are exact, however late a busy client has read
             if number == 0 and now.message != before.message:
                 # the result; the primitive then continues with another goal
                 number = 1
@@ -278,8 +285,13 @@ def _reports_goal(node: NodeProgress) -> bool:
     return node.message == GOAL_SENT and node.state == RUNNING
 
 
-def diff_messages(expected: Any, got: Any, tolerance: Tolerance, at: str = "") -> Iterator[tuple[str, str, str]]:
-    """Yields the differences between two messages: field, first value, second value."""
+def diff_messages(
+    expected: Any, got: Any, tolerance_of: Callable[[str], Tolerance], at: str = ""
+) -> Iterator[tuple[str, str, str]]:
+    """Yields the differences between two messages: field, first value, second value.
+
+    :param tolerance_of: returns that of a field.
+    """
     if isinstance(expected, genpy.Message) and isinstance(got, genpy.Message):
         if expected._type != got._type:
             yield at, expected._type, got._type
@@ -287,13 +299,13 @@ def diff_messages(expected: Any, got: Any, tolerance: Tolerance, at: str = "") -
         for name in expected.__slots__:
             if name not in _IGNORED_FIELDS:
                 path = f"{at}.{name}" if at else name
-                yield from diff_messages(getattr(expected, name), getattr(got, name), tolerance, path)
+                yield from diff_messages(getattr(expected, name), getattr(got, name), tolerance_of, path)
     elif isinstance(expected, list | tuple) and isinstance(got, list | tuple):
         if len(expected) != len(got):
             yield at, f"{len(expected)} values", f"{len(got)} values"
         for index, (wanted, found) in enumerate(zip(expected, got, strict=False)):
-            yield from diff_messages(wanted, found, tolerance, f"{at}[{index}]")
-    elif not _same(expected, got, tolerance):
+            yield from diff_messages(wanted, found, tolerance_of, f"{at}[{index}]")
+    elif not _same(expected, got, tolerance_of(at)):
         yield at, _format_value(expected), _format_value(got)
 
 

@@ -37,6 +37,8 @@ class Ordering:
         failed because the tree has preempted them, and not by themselves.
     :param late: orders of changes by primitives that are replaced by their recorded progress, recorded after it.
     :param results: orders of progress messages in which primitives that go on have received a result after a feedback.
+    :param counts: whether running primitives count a step for each feedback: then it arrives when they count it.
+        Otherwise it arrives some time after it was recorded.
     """
 
     orders: tuple[tuple[int, float], ...] = ()
@@ -44,6 +46,7 @@ class Ordering:
     preempting: frozenset[int] = frozenset()
     results: frozenset[int] = frozenset()
     late: frozenset[int] = frozenset()
+    counts: bool = True
 
 
 def alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterator[Ordering]:
@@ -54,6 +57,8 @@ def alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterato
     if at.order not in ordering.preempting and any(node.code == PREEMPTED for node in at.frame.nodes.values()):
         causes.insert(0, replace(ordering, preempting=ordering.preempting | {at.order}))
         yield causes[0]
+    if ordering.counts:
+        yield replace(ordering, counts=False)
     if at.order not in ordering.results:
         yield replace(ordering, results=ordering.results | {at.order})
     shifts: tuple[float, ...] = ()

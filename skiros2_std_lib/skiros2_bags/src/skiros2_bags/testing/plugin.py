@@ -33,14 +33,16 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     for name in ("relative", "absolute"):
         text = f"{name} tolerance of measured numbers"
         group.addoption(f"--replay-{name}", type=float, default=getattr(NARROW, name), metavar="NUMBER", help=text)
+    text = "tolerance of one field, such as pose; repeatable"
+    group.addoption("--replay-tolerance", action="append", default=[], metavar="FIELD=ABSOLUTE[,RELATIVE]", help=text)
     group.addoption("--replay-plans", action="store_true", help="make the plans again, and compare them")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers",
-        "replay(bag, workspace=None, played=(), relative=..., absolute=..., plans=False): the bag for the fixture "
-        "`replayed`",
+        "replay(bag, workspace=None, played=(), relative=..., absolute=..., tolerances=(), plans=False): the bag for "
+        "the fixture `replayed`",
     )
 
 
@@ -48,13 +50,14 @@ def pytest_collection_modifyitems(session: pytest.Session, config: pytest.Config
     bags = config.getoption("--replay")
     if not bags:
         return
+    from skiros2_bags.testing.field_tolerances import FieldTolerances, field_tolerances
     from skiros2_bags.testing.rerun import Settings  # imported when needed, as ROS is slow to import
 
     workspace = config.getoption("--replay-workspace")
-    tolerance = Tolerance(config.getoption("--replay-relative"), config.getoption("--replay-absolute"))
-    settings = Settings(
-        Path(workspace).resolve() if workspace else None, tolerance=tolerance, plans=config.getoption("--replay-plans")
-    )
+    measured = Tolerance(config.getoption("--replay-relative"), config.getoption("--replay-absolute"))
+    tolerances = FieldTolerances(measured, field_tolerances(config.getoption("--replay-tolerance")))
+    folder, plans = Path(workspace).resolve() if workspace else None, config.getoption("--replay-plans")
+    settings = Settings(folder, tolerances=tolerances, plans=plans)
     for bag in bags:
         items.append(ReplayItem.from_parent(session, name=bag, bag=Path(bag).resolve(), settings=settings))
 
@@ -93,14 +96,16 @@ def replayed(request: pytest.FixtureRequest) -> Iterator[str | None]:
     marker = request.node.get_closest_marker("replay")
     if marker is None or len(marker.args) != 1:
         raise pytest.UsageError("the fixture `replayed` needs a marker: @pytest.mark.replay(BAG, ...)")
+    from skiros2_bags.testing.field_tolerances import FieldTolerances, field_tolerances
     from skiros2_bags.testing.rerun import Settings, replay
 
     given = dict(marker.kwargs)
     workspace = given.pop("workspace", None)
+    measured = Tolerance(given.pop("relative", NARROW.relative), given.pop("absolute", NARROW.absolute))
     settings = Settings(
         _file(request, workspace) if workspace is not None else None,
         frozenset(given.pop("played", ())),
-        Tolerance(given.pop("relative", NARROW.relative), given.pop("absolute", NARROW.absolute)),
+        FieldTolerances(measured, field_tolerances(given.pop("tolerances", ()))),
         plans=given.pop("plans", False),
     )
     if given:

@@ -125,6 +125,7 @@ class EvidenceEntries(Event):
     manager: str
     task_id: int
     entries: tuple[Entry, ...]
+    version: int
 
 
 class Events:
@@ -228,7 +229,8 @@ def _evidence(at: Event, message: Message) -> EvidenceEntries:
     try:
         found = json.loads(message.content.data)
         entries = tuple((str(path), str(kind), str(name), value) for path, kind, name, value in found["entries"])
-        return EvidenceEntries(at.order, at.time, message.topic.removesuffix(f"/{EVIDENCE}"), found["task"], entries)
+        manager, version = message.topic.removesuffix(f"/{EVIDENCE}"), int(found.get("version", 1))
+        return EvidenceEntries(at.order, at.time, manager, found["task"], entries, version)
     except (ValueError, LookupError, TypeError, RecursionError) as error:
         raise BagError(f"{message.topic} at {message.time:.3f} s: expected evidence as JSON: {error!r}") from error
 
@@ -273,6 +275,7 @@ class RecordedTask:
     :param goal: the request; None for a request by service, which bags do not contain.
     :param begin: order of the first message that the task may have caused.
     :param evidence: what the engine has done with it; None if that was not recorded.
+    :param has_writes: whether this has what hooks wrote.
     """
 
     run: TaskRun
@@ -280,6 +283,7 @@ class RecordedTask:
     goal: ActionMessage | None = None
     begin: int = 0
     evidence: list[Entry] | None = None
+    has_writes: bool = False
 
     @property
     def manager(self) -> str:
@@ -318,6 +322,7 @@ def recorded_tasks(recording: Events) -> list[RecordedTask]:
                   and t.progress[0].time - _MAX_START_DELAY <= event.time]  # fmt: skip
         if latest:
             latest[-1].evidence = [*(latest[-1].evidence or ()), *event.entries]
+            latest[-1].has_writes = event.version >= 2
     return tasks
 
 

@@ -14,7 +14,6 @@ import bisect
 import contextlib
 import math
 import time
-from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,17 +23,16 @@ import actionlib
 import rospy
 
 from skiros2_bags.core.bag_file import BagError
-from skiros2_bags.core.diff import POSE, diff_changes, summary, unchanged_keys
 from skiros2_bags.core.run import check
 from skiros2_bags.testing.declared import Declared
-from skiros2_bags.testing.fake_action_clients import RecordedActions
+from skiros2_bags.testing.fake_action_clients import RECORDER_LAG, RecordedActions
+from skiros2_bags.testing.field_tolerances import FieldTolerances
 from skiros2_bags.testing.orders import WINDOW, Ordering, alternatives
 from skiros2_bags.testing.plans import PlanComparison, compare_plans, recorded_plans
 from skiros2_bags.testing.recorded_world import (
     add_reasoners,
     change_operations,
     input_operations,
-    recorded_unchanged,
     scene_before,
     world_model_with,
 )
@@ -48,18 +46,16 @@ from skiros2_bags.testing.recording import (
     TaskProgress,
     WorldChange,
     recorded_tasks,
-    task_changes,
     tick_times,
 )
 from skiros2_bags.testing.rerun_task import RerunManager, RerunTask, pushed_by
 from skiros2_bags.testing.stored import read_stored
+from skiros2_bags.testing.writes import WriteDifference, Writes
 from skiros2_common.core.operations import Change
 from skiros2_common.ros.connections import ServerWatch
 from skiros2_runs.core.compare import Divergence
-from skiros2_runs.core.tolerance import COMMANDED, MEASURED, NARROW, Tolerance
 from skiros2_skill.testing.fake_clock import FakeClock
 from skiros2_skill.testing.faults import replaced
-from skiros2_world_model.core.replica import apply_change, scene_of
 
 #: The most event orders tried by default. Each takes at most as long as the first pass. The recorded runs in
 #: tests/bags need 1 each, those of the simulated demo on a busy machine up to 15.
@@ -74,14 +70,14 @@ class Settings:
         the world model.
     :param played: labels of primitives that are replaced by their recorded progress, besides those whose class says so
         (`PrimitiveBase.replays_progress`).
-    :param tolerance: of measured numbers; unless it is given, that of poses is `MEASURED` where others move elements.
+    :param tolerances: see `FieldTolerances`.
     :param max_orders: the most orders of nearly simultaneous events to try.
     :param plans: whether the plans are made again and compared; takes seconds.
     """
 
     workspace: Path | None = None
     played: frozenset[str] = frozenset()
-    tolerance: Tolerance = NARROW
+    tolerances: FieldTolerances = field(default_factory=FieldTolerances)
     max_orders: int = MAX_ORDERS
     plans: bool = False
 
@@ -97,6 +93,7 @@ class ReplayResult:
     :param plans: see `PlanComparison`.
     :param missing: with a divergence: which messages the bag lacks, a line each; they may be its cause.
     :param stored_orders: how many orders a re-run of this bag needed when that was stored; None: it was not.
+    :param tolerances: of which fields, for people.
     """
 
     divergence: Divergence | None
@@ -106,6 +103,7 @@ class ReplayResult:
     plans: PlanComparison = field(default_factory=PlanComparison)
     missing: tuple[str, ...] = ()
     stored_orders: int | None = None
+    tolerances: str = ""
 
     @property
     def is_as_recorded(self) -> bool:
@@ -120,6 +118,7 @@ class ReplayResult:
         lines += [f"{self.orders} event orders were tried"] if self.orders > 1 else []
         if self.stored_orders is not None and self.orders > self.stored_orders:
             lines.append(f"warning: {self.stored_orders} were enough when that was stored")
+        lines.append(f"tolerances: {self.tolerances}")
         return "\n".join([*lines, *(f"not compared: {line}" for line in self.not_compared)])
 
 
@@ -131,8 +130,8 @@ def replay(bag: Path, settings: Settings) -> ReplayResult:
     """
     recording = Recording(bag)
     stored = read_stored(bag)
-    if stored is not None and settings.tolerance == NARROW:
-        settings = replace(settings, tolerance=stored.tolerance)
+    if stored is not None and settings.tolerances == FieldTolerances():
+        settings = replace(settings, tolerances=stored.tolerances)
     if settings.workspace is None:
         folder = str(recording.parameters.get("/wm/workspace_dir", ""))
         settings = replace(settings, workspace=Path(folder) if folder and Path(folder).is_dir() else None)
@@ -160,17 +159,22 @@ def rerun(recording: Recording, settings: Settings) -> ReplayResult:
         if found.divergence is None or found.event.order > best.event.order:
             best, ordering = found, other
             others = alternatives(recording, ordering, best.event)
-    if best.divergence is not None and best.late:
+    while best.divergence is not None and not best.late <= ordering.late:
         orders += 1
-        best = _attempt(recording, runs, settings, replace(ordering, late=best.late))
+        ordering = replace(ordering, late=ordering.late | best.late)
+        best = _attempt(recording, runs, settings, ordering)
     plans, not_planned = PlanComparison(), list[str]()
     if settings.plans:
         plans = compare_plans(recording, settings.workspace)
-    elif goals := len(recorded_plans(recording)):
-        not_planned = [f"the plans of {goals} goal{'s' * (goals > 1)}: with --plans they are made again"]
+        not_planned += plans.not_compared
+    elif number := len(recorded_plans(recording)):
+        not_planned = [f"{number} plan{'s' * (number > 1)}: with --plans they are made again"]
     checked = check(recording.run) if best.divergence is not None else []
     missing = tuple(finding.text for finding in checked if not finding.holds)
-    return ReplayResult(best.divergence, orders, best.declared, (*best.not_compared, *not_planned), plans, missing)
+    not_compared = (*best.not_compared, *not_planned)
+    return ReplayResult(
+        best.divergence, orders, best.declared, not_compared, plans, missing, tolerances=best.tolerances
+    )
 
 
 @dataclass(frozen=True)
@@ -182,6 +186,7 @@ class _Attempt:
     declared: tuple[str, ...]
     not_compared: tuple[str, ...]
     late: frozenset[int]
+    tolerances: str
 
 
 def _attempt(recording: Recording, runs: list[RecordedTask], settings: Settings, ordering: Ordering) -> _Attempt:
@@ -196,7 +201,8 @@ def _attempt(recording: Recording, runs: list[RecordedTask], settings: Settings,
         else:
             event = replace(events[-1], order=math.inf)  # type: ignore[arg-type]
             divergence = run.end()
-        return _Attempt(event, divergence, run.declared_differently(), run.not_compared(), frozenset(run.late))
+        not_compared, late = run.not_compared(), frozenset(run.late)
+        return _Attempt(event, divergence, run.declared_differently(), not_compared, late, run.tolerances)
 
 
 class RerunPass:
@@ -206,7 +212,7 @@ class RerunPass:
         self, recording: Recording, runs: Sequence[RecordedTask], settings: Settings, ordering: Ordering
     ) -> None:
         self._exit = contextlib.ExitStack()
-        self._tolerance = settings.tolerance
+        self._tolerances = settings.tolerances
         self._time_shifts = dict(ordering.time_shifts)
         self._ordering = ordering
         self._begin = recording.events[0].time
@@ -217,29 +223,16 @@ class RerunPass:
             for run in runs
             for message, tick in zip(run.progress, tick_times(run.progress), strict=True)
         }
-        self._own = {event.order: event for event in task_changes(recording, runs)}
-        self._not_made = list(self._own.values())
         self._first = min(run.begin for run in runs)
         self._inputs = input_operations(recording)
-        self._unchanged = recorded_unchanged(recording)
-        #: Whether others have moved elements: skills that work with their poses do not get exactly the same again.
-        self._has_measured_poses = any(
-            self._moves(event)
-            for event in recording.changes
-            if event.order >= self._first and event.order not in self._own
-        )
-        measured = MEASURED if settings.tolerance == NARROW else settings.tolerance
-        self._pose_tolerance = measured if self._has_measured_poses else COMMANDED
         scene = scene_before(recording, self._first)
         self.model = world_model_with(scene, settings.workspace)
         add_reasoners(self.model)
-        self.actions = RecordedActions(recording, COMMANDED)
+        self._writes = Writes(recording, runs, settings.tolerances, scene)
+        self.actions = RecordedActions(recording, settings.tolerances)
         # Starts at 0: the resolution of a float with s since the epoch is too low for the clock's nanosecond steps.
         self.clock = FakeClock(0.0)
         self._clock_ticks = sorted((e.time, e.now) for e in recording.events if isinstance(e, ClockTick))
-        self._changes_made: list[tuple[Change, dict[str, set[str]]]] = []  # with what they have not written
-        #: The scene as it was before the next change.
-        self._shadow = scene_of([e for node in scene if (e := scene.element(node.id)) is not None])
         names = {run.manager for run in runs}
         self.managers = {
             n: RerunManager(n, self.model, self.actions, settings.played, Declared(recording.declarations.get(n, "")))
@@ -276,15 +269,15 @@ class RerunPass:
         if event.order < self._first:
             return None
         elif isinstance(event, WorldChange):
-            if event in self._not_made and self._follows_played(event):
+            is_waiting = event in self._writes.waiting
+            if is_waiting and self._follows_played(event):
                 self._maybe_late.append(event)
-            if event.order not in self._own:
+            if not self._writes.is_own(event):
                 self.model.transact(self._inputs[event.order], event.change.author)
-            elif event.order in self._ordering.late and event in self._not_made:
+            elif event.order in self._ordering.late and is_waiting:
                 # A write of a played primitive, recorded after the progress of its tick: the others are made by now.
                 self.model.transact(change_operations(event.change, self.model.scene()), event.change.author)
-                self._not_made.remove(event)
-                del self._own[event.order]
+                self._writes.drop(event)
         elif isinstance(event, SignalMessage):
             self.clock.advance(max(0.0, event.time - self._begin - self.clock.now))
             for manager in self.managers.values():
@@ -302,23 +295,20 @@ class RerunPass:
     @property
     def late(self) -> list[int]:
         """The orders of changes that were not made, and that played primitives may have made; see `Ordering.late`."""
-        return [event.order for event in self._maybe_late if event in self._not_made]
+        return [event.order for event in self._maybe_late if event in self._writes.waiting]
 
     def end(self) -> Divergence | None:
-        """Compares the changes of the world model. Returns a divergence; None without one."""
-        divergence = self._changed_differently()
-        if divergence is not None:
-            return divergence
-        remaining = [_subject(change) for change, _ in self._changes_made]
-        for event in self._own.values():
-            if _subject(event.change) not in remaining:
-                what = f"the world model, by {event.change.author}"
-                return Divergence(self._where(event), what, summary(event.change), "nothing")
-            remaining.remove(_subject(event.change))
-        if remaining:
-            return Divergence("at the end", "the world model", "no further change", f"a change of {remaining[0]}")
+        """Compares what is missing at the end. Returns a divergence; None without one."""
+        missing = self._writes.missing(lambda event: True)
+        if missing is not None:
+            return self._wrote_differently(missing, "at the end")
         unsent = self.actions.unsent(list(self.managers), self._first)
         return self._not_sent(unsent[0]) if unsent else None
+
+    @property
+    def tolerances(self) -> str:
+        """See `ReplayResult.tolerances`."""
+        return self._tolerances.text(self._writes.has_measured_poses)
 
     def declared_differently(self) -> tuple[str, ...]:
         """See `ReplayResult.declared`."""
@@ -334,10 +324,9 @@ class RerunPass:
             )
         if pushed := sorted({key for run in self._recorded for key in pushed_by(run, self._is_played(run))}):
             found.append(f"values of {', '.join(pushed)} that skills get: played skills have pushed them")
-        if self._has_measured_poses:
-            near = f"{self._pose_tolerance.absolute:g} (relative {self._pose_tolerance.relative:g})"
-            found.append(f"poses within {near}: others have moved elements in this run")
-        if self._own:
+        if self._writes.has_measured_poses:
+            found.append("written poses exactly: others have moved elements in this run")
+        if self._writes.has_any and not all(run.has_writes for run in self._recorded):
             found.append("writes that change nothing: the world model publishes none")
         return tuple(dict.fromkeys(found))
 
@@ -360,25 +349,27 @@ class RerunPass:
         self.actions.sender = run.manager
         task = self._tasks.get(id(run))
         if task is None:
-            task = self._tasks[id(run)] = RerunTask(run, manager, self._tolerance)
+            task = self._tasks[id(run)] = RerunTask(run, manager, self._tolerances)
         has_result = progress.order in self._ordering.results
-        self.actions.deliver_answers(task.progress, progress, task.states_between(progress), has_result)
+        states, counts = task.states_between(progress), self._ordering.counts
+        self.actions.deliver_answers(task.progress, progress, states, has_result, counts)
+        before = task.progress
         mismatch = task.tick(progress, self._due_changes(progress), progress.order in self._ordering.preempting)
-        if mismatch is None and not self.actions.mismatches:
-            return None
-        earlier = self._changed_differently()
-        if earlier is not None:
-            return earlier
         where = f"{self._where(progress)}, tick {run.progress.index(progress) + 1} of {run}"
-        context = task.context(progress)
+        has_diverged = mismatch is not None or bool(self.actions.mismatches)
+        wrote = self._writes.difference or self._writes.missing(
+            (lambda event: event.time < before.time) if has_diverged else self._is_overdue(progress)
+        )
+        if wrote is not None:
+            return self._wrote_differently(wrote, where)
+        context = task.context(progress) if has_diverged else ()
         if self.actions.mismatches:
             return Divergence(where, *self.actions.mismatches[0], context)
-        assert mismatch is not None
-        return Divergence(where, *mismatch, context)
+        return Divergence(where, *mismatch, context) if mismatch is not None else None
 
     def _due_changes(self, progress: TaskProgress) -> Callable[[], list[Change]]:
         """Returns what lists the recorded changes that were not made yet by a tick; others are made during the tick."""
-        return lambda: [event.change for event in self._not_made if event.order < progress.order]
+        return lambda: [event.change for event in self._writes.waiting if event.order < progress.order]
 
     def _set_simulated_time(self, now: float) -> None:
         """Sets it as of a recording time: when the progress arrives, the clock may be ahead of its tick."""
@@ -395,50 +386,40 @@ class RerunPass:
                 task.preempt()
 
     def _on_change(self, change: Change) -> None:
-        unchanged = unchanged_keys(change, self._shadow)
-        apply_change(self._shadow, change)
-        if self.actions.sender and change.author in self.managers and self.managers[change.author].is_ticking:
-            self._changes_made.append((change, unchanged))
-            # By content: a change may be recorded after the progress of its tick, and with it after others.
-            subject = _subject(change)
-            made = next((event for event in self._not_made if _subject(event.change) == subject), None)
-            if made is not None:
-                self._not_made.remove(made)
+        manager = self.managers.get(change.author)
+        self._writes.apply(change, bool(self.actions.sender) and manager is not None and manager.is_ticking)
 
-    def _changed_differently(self) -> Divergence | None:
-        """Returns the first change that differs from its recorded change.
+    def _is_overdue(self, progress: TaskProgress) -> Callable[[WorldChange], bool]:
+        """Returns what decides whether a change should have been made when a tick has ended.
 
-        Changes of one element are compared in order; the order between elements within a tick may differ.
+        It may be recorded long before the progress of its tick, and be made by a played primitive at its end.
         """
-        made: dict[str, list[tuple[Change, dict[str, set[str]]]]] = defaultdict(list)
-        for change, unchanged in self._changes_made:
-            made[_subject(change)].append((change, unchanged))
-        for event in self._own.values():
-            waiting = made[_subject(event.change)]
-            if not waiting:
-                continue
-            got, unchanged = waiting.pop(0)
-            recorded = self._unchanged[event.order]
-            neither = {eid: keys & recorded.get(eid, set()) for eid, keys in unchanged.items()}
-            differences = diff_changes(event.change, got, self._pose_tolerance, neither, COMMANDED)
-            if differences:
-                what = f"the world model, by {event.change.author}"
-                return Divergence(self._where(event), what, summary(event.change), "\n".join(differences))
-        return None
+
+        def is_overdue(event: WorldChange) -> bool:
+            author = event.change.author
+            if event.time > progress.time - RECORDER_LAG or event.time <= self.managers[author].played_at + WINDOW:
+                return False
+            due = self._tick_of(event)
+            return due is not None and due.time < progress.time - RECORDER_LAG
+
+        return is_overdue
+
+    def _tick_of(self, event: WorldChange) -> TaskProgress | None:
+        """Returns the progress of the last tick that may have made a recorded change."""
+        runs = (r for r in self._recorded if r.manager == event.change.author and r.begin <= event.order)
+        found = [next((p for p in run.progress if p.order > event.order), None) for run in runs]
+        return max((each for each in found if each is not None), key=lambda p: p.order, default=None)
+
+    def _wrote_differently(self, found: WriteDifference, where: str) -> Divergence:
+        if found.event is not None:
+            due = self._tick_of(found.event)
+            run = self._runs.get(due.order) if due is not None else None
+            tick = f", tick {run.progress.index(due) + 1} of {run}" if run is not None and due is not None else ""
+            where = f"{self._where(found.event)}{tick}"
+        return Divergence(where, f"the world model, by {found.author}", found.expected, found.got)
 
     def _is_played(self, run: RecordedTask) -> Callable[[str], bool]:
         return self.managers[run.manager].is_played
 
-    def _moves(self, event: WorldChange) -> bool:
-        """Whether a recorded change moves an element that was there before."""
-        unchanged = self._unchanged[event.order]
-        moved = (e for e in event.change.elements if e.id in unchanged)
-        return any(POSE.fullmatch(key) and key not in unchanged[e.id] for e in moved for key in e.property_view)
-
     def _where(self, event: Event) -> str:
         return f"{event.time - self._begin:.3f} s" if not math.isinf(event.order) else "at the end"
-
-
-def _subject(change: Change) -> str:
-    """Returns the ids of the elements of a change; else its relations."""
-    return ", ".join([e.id for e in change.elements] or [str(sorted(r.items())) for r in change.relations])

@@ -14,6 +14,7 @@ from skiros2_bags.core.bag_file import BagError
 from skiros2_bags.testing.declared import Declared
 from skiros2_bags.testing.evidence import RecordedEvidence
 from skiros2_bags.testing.fake_action_clients import RecordedActions, StatesOf
+from skiros2_bags.testing.field_tolerances import FieldTolerances
 from skiros2_bags.testing.recorded_world import change_operations
 from skiros2_bags.testing.recording import RecordedTask, TaskProgress
 from skiros2_common.core.abstract_skill import State
@@ -24,12 +25,12 @@ from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.signals import LocalSignals
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.write_notes import noting_writes
 from skiros2_common.ros import utils
 from skiros2_runs.core.compare import CONTEXT, first_difference, path_text, report_text
 from skiros2_runs.core.frame import NodeProgress
 from skiros2_runs.core.states import FAILURE, RUNNING, SUCCESS, TaskState
 from skiros2_runs.core.task_run import TaskRun
-from skiros2_runs.core.tolerance import Tolerance
 from skiros2_skill.core.engine.hooks import PREEMPTED
 from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.core.runtime.request import SkillRequest, make_nodes
@@ -65,8 +66,8 @@ class RerunManager:
         self.signals = LocalSignals()
         #: The task that is currently ticked.
         self.ticked: Any = None
-        #: When a played primitive has ended last (s, recording time).
-        self.played_ended_at = -math.inf
+        #: When a played primitive was ticked last, and when one has ended last (s, recording time).
+        self.played_at = self.played_ended_at = -math.inf
         self._replaced_labels = replaced_labels
         self._declared = declared
 
@@ -184,10 +185,12 @@ def replay_primitive(cls: type, manager: Any) -> type:
             return self.step()  # type: ignore[no-any-return]
         if recorded.code == PREEMPTED and manager.ticked.is_preempting:
             return State.Running
+        manager.played_at = manager.ticked.progress.time
         if recorded.state != RUNNING:
-            manager.played_ended_at = manager.ticked.progress.time
-            for change in manager.ticked.take_due_changes():
-                manager.wmi.transact(change_operations(change, manager.wmi.model.scene()))
+            manager.played_ended_at = manager.played_at
+            with noting_writes(None):
+                for change in manager.ticked.take_due_changes():
+                    manager.wmi.transact(change_operations(change, manager.wmi.model.scene()))
         self._setProgress(recorded.message, recorded.code)
         return _STATES[recorded.state]
 
@@ -212,10 +215,10 @@ class RerunTask:
     :raises BagError: the bag does not contain the request.
     """
 
-    def __init__(self, run: RecordedTask, manager: Any, tolerance: Tolerance) -> None:
+    def __init__(self, run: RecordedTask, manager: Any, tolerances: FieldTolerances) -> None:
         self.run = run
         self._manager = manager
-        self._tolerance = tolerance
+        self._tolerances = tolerances
         #: The last recorded progress.
         self.progress: TaskProgress = run.progress[0]
         #: Whether the tree preempts the primitives that have failed with `PREEMPTED` in the current tick.
@@ -231,8 +234,11 @@ class RerunTask:
         self._task.root.params.addParam("Robot", manager.robot, ParamTypes.Inferred, "The manager's robot")
         self._task.root(*nodes)
         self._task.evidence.is_on = run.evidence is not None
+        self._task.evidence.has_writes = run.has_writes
         played = pushed_by(run, manager.is_played) if run.evidence else frozenset()
-        self._evidence = RecordedEvidence(run.evidence or (), tolerance, played)
+        paths = _paths(run, manager.is_played)
+        entries = [e for e in run.evidence or () if e[1] != "write" or e[0] not in paths]
+        self._evidence = RecordedEvidence(entries, tolerances, played)
 
     def preempt(self) -> None:
         """Requests preemption of the task."""
@@ -327,7 +333,7 @@ class RerunTask:
         now = TaskRun(self.run.manager, self.run.run.task_id)
         now.record(progress_messages(self._task, self.run.manager), progress.time)
         wanted, found = progress.frame.nodes, now.latest.nodes
-        path = first_difference(wanted, found, self._tolerance)
+        path = first_difference(wanted, found, self._tolerances.of_message)
         if path is None:
             return None
         nodes = [tree.get(path) for tree in (wanted, found)]
@@ -342,16 +348,22 @@ class RerunTask:
 
 def pushed_by(run: RecordedTask, has_label: Callable[[str], bool]) -> frozenset[str]:
     """Returns the keys that nodes of a recorded task with some labels have pushed at their ends."""
-    shapes = {id(each.frame.shape): each.frame.shape for each in run.progress}.values()
-    labels = {".".join(map(str, path)): shape.label(i) for shape in shapes for i, path in enumerate(shape.index_paths)}
-    chosen = {label for label in set(labels.values()) if has_label(label)}
+    paths = _paths(run, has_label)
     found, last_hooks = set(), dict[str, str]()
     for path, kind, name, _ in run.evidence or ():
         if kind == "hook":
             last_hooks[path] = name
-        elif kind == "push" and last_hooks.get(path) == "onEnd" and labels.get(path) in chosen:
+        elif kind == "push" and last_hooks.get(path) == "onEnd" and path in paths:
             found.add(name)
     return frozenset(found)
+
+
+def _paths(run: RecordedTask, has_label: Callable[[str], bool]) -> set[str]:
+    """Returns the paths of the nodes of a recorded task with some labels, as in its evidence."""
+    shapes = {id(each.frame.shape): each.frame.shape for each in run.progress}.values()
+    labels = {(shape.label(i), path) for shape in shapes for i, path in enumerate(shape.index_paths)}
+    chosen = {label for label in {label for label, _ in labels} if has_label(label)}
+    return {".".join(map(str, path)) for label, path in labels if label in chosen}
 
 
 def _node_text(node: NodeProgress, with_name: bool, with_processor: bool) -> str:

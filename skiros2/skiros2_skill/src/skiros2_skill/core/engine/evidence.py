@@ -1,30 +1,43 @@
 """Evidence of what the engine does with a task, which recordings keep and re-runs compare: the values with which skills
-start, the conditions that are evaluated, with their results, the hooks that are called, the values that are pushed.
+start, the conditions that are evaluated, with their results, the hooks that are called, what these write to the world
+model, the values that are pushed.
 
 The sequence is the same in each run with the same inputs, however many ticks it has: of `execute` only the first call
-of a run counts, of a hold-condition the first result and each other one, of pushes those at starts and ends.
+of a run counts, of a hold-condition the first result and each other one, of pushes those at starts and ends, of what
+`execute` writes the first tick and each that writes something else.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.explanation import DEFAULT, HOLD, SPECIFIED, UNSET
 from skiros2_common.core.json_codec import ParamsEncoder
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.write_notes import noting_writes
+from skiros2_skill.core.engine.hook_guard import EXECUTE_HOOK, HookGuard
 from skiros2_skill.core.engine.skill_run import Node, SkillRun
 
 #: The path of the node (child indices from the root, such as "0.1"), the kind of entry, a name and a value as JSON
 #: data. The kinds:
 #: `given` and `pulled` (label of the skill; values by parameter), `pre`, `hold` and `post` (label of the condition;
-#: whether it holds), `hook` (its name), `push` (key on the blackboard; values, None: the key was removed).
+#: whether it holds), `hook` (its name), `write` (what a hook requests of the world model), `push` (key on the
+#: blackboard; values, None: the key was removed).
 Entry = tuple[str, str, str, Any]
 
 #: The origins of values that do not depend on other skills.
 _OWN = frozenset({DEFAULT, SPECIFIED, UNSET})
+
+#: The hooks whose writes count. What the engine writes itself follows from its entries.
+_WRITING = frozenset({"onStart", EXECUTE_HOOK, "onPreempt", "onEnd"})
+
+#: Of the format of published entries: 2 has writes.
+VERSION = 2
 
 
 class Evidence:
@@ -33,9 +46,12 @@ class Evidence:
     def __init__(self) -> None:
         #: Set it before the first tick.
         self.is_on = False
+        #: Whether writes are noted too.
+        self.has_writes = True
         self._entries: list[Entry] = []
         self._last: dict[SkillRun, dict[str, object]] = {}  # of the running skills
         self._pushed: dict[SkillRun, set[str]] = {}  # keys, by running skill
+        self._written: list[tuple[SkillRun, str, str]] = []  # run, hook and write, not noted yet
 
     @property
     def waiting(self) -> int:
@@ -46,6 +62,25 @@ class Evidence:
         """Returns the entries since the last call."""
         entries, self._entries = self._entries, []
         return entries
+
+    def tick(self, guard: HookGuard[SkillRun], tick: Callable[[], State]) -> State:
+        """Calls a function that ticks the task, and notes what hooks write meanwhile.
+
+        :param guard: knows the hook that is called.
+        """
+        if not self.is_on:
+            return tick()
+
+        def note(write: str) -> None:
+            for call in guard.calls[-1:]:
+                run, hook = call if isinstance(call, tuple) else (call, EXECUTE_HOOK)
+                if hook in _WRITING:
+                    self._written.append((run, hook, write))
+
+        with noting_writes(note if self.has_writes else None):
+            state = tick()
+        self._note_writes()
+        return state
 
     def start(self, run: SkillRun) -> None:
         """Notes the values with which a skill starts."""
@@ -73,7 +108,7 @@ class Evidence:
 
     def hook(self, run: SkillRun, name: str) -> None:
         """Notes a call of a hook."""
-        if name != "execute" or self._is_other(run, name, True):
+        if name != EXECUTE_HOOK or self._is_other(run, name, True):
             self._note(run.node, "hook", name)
 
     def push(
@@ -92,22 +127,33 @@ class Evidence:
 
     def end(self, run: SkillRun) -> None:
         """A skill has ended."""
+        self._note_writes()
         self._last.pop(run, None)
         self._pushed.pop(run, None)
 
+    def _note_writes(self) -> None:
+        written, self._written = self._written, []
+        for (run, hook), group in itertools.groupby(written, lambda each: each[:2]):
+            writes = [write for _, _, write in group]
+            if hook != EXECUTE_HOOK or self._is_other(run, "what execute writes", writes):
+                for write in writes:
+                    self._note(run.node, "write", write)
+
     def _note(self, node: Node, kind: str, name: str, value: Any = None) -> None:
+        if self._written:
+            self._note_writes()
         self._entries.append((_path(node), kind, name, value))
 
     def _is_other(self, run: SkillRun, name: str, value: object) -> bool:
         last = self._last.setdefault(run, {})
-        is_other = last.get(name) is not value
+        is_other = last.get(name) != value
         last[name] = value
         return is_other
 
 
 def evidence_json(task_id: int, entries: list[Entry]) -> str:
     """Returns entries as managers publish them."""
-    return json.dumps({"task": task_id, "entries": entries})
+    return json.dumps({"version": VERSION, "task": task_id, "entries": entries})
 
 
 def _path(node: Node) -> str:

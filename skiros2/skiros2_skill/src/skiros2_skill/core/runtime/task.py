@@ -240,7 +240,7 @@ class Task:
         """Ticks the task once. Sets `ended` when it has ended. An exception in the tick fails the task."""
         budget = self._step_budget  # a command during this tick sets the budget of the next ones
         try:
-            state = self._guarded_tick()
+            state = self.evidence.tick(self._executor.guard, self._guarded_tick)
         except HookAbandoned:
             return State.Running  # another thread ticks the task now
         if state is not State.Running:

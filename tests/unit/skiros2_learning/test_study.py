@@ -9,7 +9,7 @@ import pytest
 
 from skiros2_common.core.errors import ConfigurationError, Refused, UnknownName
 from skiros2_learning.core.evaluation import Evaluation, evaluate
-from skiros2_learning.core.scenario import Scenario, parse_scenario
+from skiros2_learning.core.scenario import Scenario, ScenarioError, load_scenario, parse_scenario
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.workers import Runner
 from support.learning_scenarios import scenario_text
@@ -122,6 +122,20 @@ def test_every_configuration_satisfies_the_restrictions(tmp_path: Path, optimise
     drawn = [each.configuration for each in study.results().values()]
     assert len(drawn) == 12
     assert max(float(each["x"]) + float(each["y"]) for each in drawn) <= 0.8
+
+
+def test_a_stored_study_with_more_failures_than_repetitions_is_resumed_with_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    study = LearningStudy.create(scenario(tmp_path), tmp_path / "study")
+    file = tmp_path / "study/scenario.yaml"
+    file.write_text(file.read_text() + "max_failures: 9\n")
+    with pytest.raises(ScenarioError, match="max_failures: expected at most 2, the repetitions, got 9"):
+        load_scenario(file)
+    opened = LearningStudy.open(study.folder)
+    assert opened.scenario.max_failures == 2
+    assert "max_failures is 9, taken as 2, the repetitions" in caplog.text
+    assert len(run(opened)) == 6
 
 
 def test_two_runs_of_one_study_are_refused(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import logging
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -45,6 +46,8 @@ from skiros2_learning.core.sections import (
 )
 from skiros2_learning.core.variables import Restriction, Value, Variable
 from skiros2_learning.core.variations import Feature, variation_problems
+
+log = logging.getLogger(__name__)
 
 Optimiser = Literal["prior", "tpe", "nsga2", "random", "qmc", "cmaes", "optuna-gp", "gp", "botorch"]
 #: The samplers that a scenario may name; see `samplers.make_sampler`; `gp` is the older name of `optuna-gp`.
@@ -385,9 +388,10 @@ class Scenario(Section):
         return parse_scenario(text, Path("/"), self.name)
 
 
-def load_scenario(file: str | Path) -> Scenario:
+def load_scenario(file: str | Path, is_stored: bool = False) -> Scenario:
     """Reads a scenario file.
 
+    :param is_stored: whether it is that of a study: see `parse_scenario`.
     :raises ScenarioError: it has mistakes; the text names all of them.
     :raises ConfigurationError: it cannot be read.
     """
@@ -396,7 +400,7 @@ def load_scenario(file: str | Path) -> Scenario:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigurationError(f"scenario {path}: {getattr(error, 'strerror', None) or error}") from None
-    return parse_scenario(text, path.resolve().parent, str(path))
+    return parse_scenario(text, path.resolve().parent, str(path), is_stored)
 
 
 def plugins_of(file: str | Path) -> list[str]:
@@ -409,17 +413,23 @@ def plugins_of(file: str | Path) -> list[str]:
     return [str(each) for each in found] if isinstance(found, list) else []
 
 
-def parse_scenario(text: str, folder: Path, source: str = "scenario") -> Scenario:
+def parse_scenario(text: str, folder: Path, source: str = "scenario", is_stored: bool = False) -> Scenario:
     """Reads a scenario.
 
     :param folder: for relative names of files.
     :param source: for error texts.
+    :param is_stored: whether it is that of a study: `max_failures` above `repetitions`, which earlier versions accepted,
+        counts as `repetitions`, with a warning.
     :raises ScenarioError: it has mistakes; the text names all of them.
     """
     try:
         data = read_yaml(text, unique_keys=True)
     except WrongValue as error:
         raise ScenarioError(source, [str(error)]) from None
+    if is_stored and isinstance(data, dict) and any(path == ("max_failures",) for path, _ in Scenario.mistakes(data)):
+        most = data["repetitions"] if "repetitions" in data else Scenario.repetitions
+        log.warning("%s: max_failures is %s, taken as %s, the repetitions", source, data["max_failures"], most)
+        data["max_failures"] = most
     try:
         return replace(read(Scenario, data, folder), source=text)
     except ValidationError as error:

@@ -114,7 +114,7 @@ class LearningStudy:
         if (folder / SCENARIO_FILE).exists():
             if not storage:
                 raise Refused(f"{folder} has a study already; resume it, or name another folder")
-            differing = _differing(_shared(load_scenario(folder / SCENARIO_FILE)), _shared(stored))
+            differing = _differing(_shared(load_scenario(folder / SCENARIO_FILE, is_stored=True)), _shared(stored))
             if differing:
                 raise Refused(f"{folder} has a study of another scenario: different {', '.join(differing)}")
         make_sampler(scenario)  # a mistake leaves no folder
@@ -131,7 +131,7 @@ class LearningStudy:
         """
         if not (folder / SCENARIO_FILE).is_file():
             raise UnknownName(f"{folder} has no study: there is no {SCENARIO_FILE} in it")
-        return cls(load_scenario(folder / SCENARIO_FILE), folder, storage)
+        return cls(load_scenario(folder / SCENARIO_FILE, is_stored=True), folder, storage)
 
     @contextmanager
     def running(self) -> Iterator[None]:

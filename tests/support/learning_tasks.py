@@ -84,6 +84,18 @@ def bowl(scenario: Scenario, configuration: Mapping[str, Value], seed: int, inde
     return record(value, succeeded=value < 0.01)
 
 
+def branches(scenario: Scenario, configuration: Mapping[str, Value], seed: int, index: int) -> EpisodeRecord:
+    """The gait `trot` is better, with the best value 0 at y = 0.7, three turns and z = 4; y and z exist there only."""
+    value = (float(configuration["x"]) - 0.3) ** 2
+    if configuration["gait"] == "trot":
+        turns = int(configuration["turns"])
+        value += (float(configuration["y"]) - 0.7) ** 2 + 0.05 * (3 - turns)
+        value += 0.01 * abs(int(configuration["z"]) - 4) if turns > 1 else 0.0
+    else:
+        value += 0.5
+    return record(value, succeeded=value < 0.3)
+
+
 def default_configuration(scenario: Scenario) -> Mapping[str, Value]:
     """The `defaults` of the settings; none without."""
     return dict(scenario.settings.get("defaults", {}))

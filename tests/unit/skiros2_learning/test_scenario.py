@@ -128,10 +128,12 @@ def test_scales_and_constraints_between_variables_are_read_and_checked() -> None
         "variables.x.scale: expected log only for a range above 0",
     ]
     (first, second) = problems(f"{PLAIN}restrictions: [{{sum: {{siez: 1, gait: 1}}, at_most: 0}}]\n")
-    assert first == "restrictions[0].sum.siez: expected a variable that is a number; near: size"
+    assert first == "restrictions[0].sum.siez: expected a variable that is a number, and always there; near: size"
     never = "restrictions: [{sum: {x: 1, size: 1}, at_most: 0.5}]\n"
     assert problems(PLAIN + never) == ("restrictions[0]: no values of the variables satisfy it",)
-    assert second.startswith("restrictions[0].sum.gait: expected a variable that is a number; there are: n, size, x")
+    assert second.startswith(
+        "restrictions[0].sum.gait: expected a variable that is a number, and always there; there are: n, size, x"
+    )
 
 
 def test_a_variable_must_belong_to_a_step_of_the_task() -> None:

@@ -114,7 +114,7 @@ def read_study(folder: Path) -> StudyView:
     for number in ranked:
         result = results[number]
         values = [f"{result.objectives[name]:.4g}" for name in objectives]
-        values += [report.format_value(result.configuration[name]) for name in names]
+        values += [report.format_value(result.configuration.get(name)) for name in names]
         rows.append(Configuration(number, report.search_share(result), number in optimal, tuple(values)))
     pictures = {title: _png(figure) for title, figure in draw_pictures(study).items()}
     found = stored_validation(study)

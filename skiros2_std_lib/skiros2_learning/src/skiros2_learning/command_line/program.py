@@ -245,7 +245,10 @@ def _check(options: argparse.Namespace) -> CommandResult:
         )
     scenario = load_scenario(options.scenario)
     check_execution(scenario)
-    variables = [f"{variable.name}: {variable.range_text}" for variable in scenario.variables]
+    variables = [
+        f"{each.name}: {each.range_text}{f'; only if {each.condition_text}' if each.only_if else ''}"
+        for each in scenario.variables
+    ]
     return CommandResult([*variables, cost_text(scenario, os.cpu_count() or 1)])
 
 

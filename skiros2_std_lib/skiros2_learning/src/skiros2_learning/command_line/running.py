@@ -139,7 +139,7 @@ def cost_text(scenario: Scenario, workers: int) -> str:
     text = f"at most {search} executions in the search and {validation} in the validation"
     if scenario.is_real:
         return f"{text}, of up to {scenario.simulation.time_limit:g} s each, and the resets"
-    configuration = {each.name: each.typical for each in scenario.variables}
+    configuration = scenario.typical
     for _ in range(2):  # the first one reads the ontologies
         begin = time.perf_counter()
         outcome = repeat_once(scenario, configuration, seed_of(scenario, _COST_NUMBER), 0)

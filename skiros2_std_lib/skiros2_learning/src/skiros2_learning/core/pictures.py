@@ -24,10 +24,10 @@ from threadpoolctl import threadpool_limits
 
 from skiros2_learning.core.evaluation import Evaluation
 from skiros2_learning.core.ranking import is_feasible, objective_costs, ranked
-from skiros2_learning.core.samplers import prior_of
+from skiros2_learning.core.samplers import conditions_of, distribution_of, prior_of
 from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.search_space import Array, SearchSpace
-from skiros2_learning.core.study import LearningStudy, distribution_of
+from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.surrogate import fit_surrogate
 from skiros2_learning.core.validation import Sample, Validation, stored_validation
 from skiros2_learning.core.variables import Variable
@@ -228,10 +228,9 @@ def dependence(scenario: Scenario, results: Mapping[int, Evaluation]) -> Figure:
     names = ["success rate", *(each.name for each in scenario.objectives)]
     variables = scenario.variables
     figure, axes = _grid(len(names) * len(variables), len(variables), 1.9)
-    space = SearchSpace({each.name: distribution_of(each) for each in variables}, {})
+    space = SearchSpace({each.name: distribution_of(each) for each in variables}, {}, conditions_of(scenario))
     points = space.points([SimpleNamespace(params=each.configuration) for each in results.values()])
     random = np.random.default_rng(scenario.seed)
-    base = points if len(points) <= _AVERAGED else random.choice(points, _AVERAGED, replace=False)
     order = {name: index for index, name in enumerate(sorted(each.name for each in variables))}
     for row, name in enumerate(names):
         values = np.array([each.objectives[name] if row else each.success_rate for each in results.values()])
@@ -241,10 +240,13 @@ def dependence(scenario: Scenario, results: Mapping[int, Evaluation]) -> Figure:
             model = fit_surrogate(points, values, random, nominal=space.nominal) if len(points) > 2 else None
             for column, variable in enumerate(variables):
                 place = axes[row * len(variables) + column]
-                place.scatter(_places(variable, results.values()), values, s=7, alpha=0.4, lw=0, clip_on=False)
-                if model is not None:
+                exists = np.array([variable.name in each.configuration for each in results.values()], dtype=bool)
+                at = _places(variable, results.values())
+                place.scatter(at, values[exists], s=7, alpha=0.4, lw=0, clip_on=False)
+                if model is not None and exists.any():
+                    base = random.permutation(points[exists])[:_AVERAGED]
                     grid, units = _units(variable, space.nominal[order[variable.name]])
-                    mean, deviation = _partial(model.predict, base, order[variable.name], units)
+                    mean, deviation = _partial(model.predict, space, base, order[variable.name], units)
                     place.plot(grid, mean, color="tab:red", lw=1.2, marker="" if len(grid) == _GRID else "o", ms=3)
                     place.fill_between(grid, mean - deviation, mean + deviation, color="tab:red", alpha=0.15, lw=0)
                 place.set(ylim=limits)
@@ -278,7 +280,8 @@ def priors(scenario: Scenario, results: Mapping[int, Evaluation], validation: Va
         place.plot(at, np.linspace(0.06, 0.3, len(at)), ".", color="tab:blue", ms=6, label=label)
         for sample in _proof(validation):
             style, label = ("--", "default") if sample.number is None else ("-", "validated")
-            place.axvline(_places(variable, [sample])[0], color="tab:red", lw=1.3, ls=style, label=label)
+            for value in _places(variable, [sample]):
+                place.axvline(value, color="tab:red", lw=1.3, ls=style, label=label)
         place.set(yticks=[], ylim=(0, 1.1))
         _scale(place, variable)
         place.set_xlabel(_title(variable), fontsize=8)
@@ -287,8 +290,8 @@ def priors(scenario: Scenario, results: Mapping[int, Evaluation], validation: Va
 
 
 def importance(study: LearningStudy) -> Figure:
-    """Draws the importance of the variables for each objective (fANOVA, by Optuna)."""
-    names = [variable.name for variable in study.scenario.variables]
+    """Draws the importance of the variables that always exist for each objective (fANOVA, by Optuna)."""
+    names = [variable.name for variable in study.scenario.variables if not variable.only_if]
     figure = Figure(figsize=(8.4, 0.8 + 0.4 * len(names)), layout="constrained")
     axes = figure.add_subplot()
     height = 0.8 / len(study.scenario.objectives)
@@ -362,18 +365,18 @@ def _units(variable: Variable, nominal: bool) -> tuple[Array, Array]:
 
 
 def _partial(
-    predict: Callable[[Array], tuple[Array, Array]], base: Array, column: int, units: Array
+    predict: Callable[[Array], tuple[Array, Array]], space: SearchSpace, base: Array, column: int, units: Array
 ) -> tuple[Array, Array]:
     moved = np.repeat(base[None], len(units), axis=0)
     moved[:, :, column] = units[:, None]
-    mean, deviation = predict(moved.reshape(-1, base.shape[1]))
+    mean, deviation = predict(space.rounded(moved.reshape(-1, base.shape[1])))
     shape = len(units), len(base)
     return mean.reshape(shape).mean(axis=1), deviation.reshape(shape).mean(axis=1)
 
 
 def _places(variable: Variable, found: Iterable[Evaluation | Sample]) -> list[float]:
-    """Returns where the values of a variable are on its axis."""
-    values = [each.configuration[variable.name] for each in found]
+    """Returns where the values of a variable are on its axis, as far as it exists."""
+    values = [each.configuration[variable.name] for each in found if variable.name in each.configuration]
     return [float(variable.values.index(value) if variable.values else value) for value in values]
 
 

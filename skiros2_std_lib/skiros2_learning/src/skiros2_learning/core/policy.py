@@ -17,9 +17,10 @@ from threadpoolctl import threadpool_limits
 
 from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_learning.core.earlier_studies import with_earlier
+from skiros2_learning.core.samplers import distribution_of
 from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.search_space import Array, SearchSpace
-from skiros2_learning.core.study import LearningStudy, distribution_of
+from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.surrogate import fit_surrogate
 from skiros2_learning.core.variables import Value
 from skiros2_learning.core.variations import Feature
@@ -62,6 +63,8 @@ def learn_variations(
     """
     if not scenario.variations:
         raise Refused(f"scenario {scenario.name} has no variations; add them: docs/learning.md, Variations")
+    if conditional := [each.name for each in scenario.variables if each.only_if]:
+        raise Refused(f"policies need variables that always exist; conditional: {', '.join(conditional)}")
     studies: list[LearningStudy] = []
     for number, variation in enumerate(sampled_variations(scenario.variations, count, scenario.seed)):
         target = folder / f"variation_{number}"

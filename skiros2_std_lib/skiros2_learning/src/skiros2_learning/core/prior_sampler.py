@@ -45,7 +45,7 @@ from scipy.special import erfcx, expit
 from scipy.stats import norm, yeojohnson
 from threadpoolctl import threadpool_limits
 
-from skiros2_learning.core.search_space import Array, Choice, Kernels, Normal, Prior, SearchSpace
+from skiros2_learning.core.search_space import Array, Choice, Condition, Kernels, Normal, Prior, SearchSpace
 from skiros2_learning.core.surrogate import Surrogate, fit_surrogate
 
 __all__ = ["Choice", "Kernels", "Normal", "Prior", "PriorSampler"]
@@ -75,6 +75,8 @@ class PriorSampler(BaseSampler):
     :param n_startup_trials: trials that cover the prior before the first surrogate.
     :param beta: strength of the prior; a tenth of the number of trials is a good value.
     :param seed: of all random numbers; None for another one each time.
+    :param space: all variables, if some exist only with values of others; None: those that all trials have.
+    :param conditions: of these, those of a variable after those of the variables that it needs.
     :param allowed: whether values satisfy constraints between variables; None if there are none. The first trial, for
         which the variables are not known yet, may violate them.
     """
@@ -87,11 +89,15 @@ class PriorSampler(BaseSampler):
         beta: float = 10.0,
         seed: int | None = None,
         allowed: Callable[[Mapping[str, Any]], bool] | None = None,
+        space: Mapping[str, BaseDistribution] | None = None,
+        conditions: Sequence[Condition] = (),
     ) -> None:
         self._priors = dict(priors or {})
         self._startup = n_startup_trials
         self._beta = beta
         self._allowed = allowed
+        self._known = space
+        self._conditions = conditions
         self._seed = int(np.random.default_rng(seed).integers(2**31))
         self._space = IntersectionSearchSpace(include_pruned=True)
 
@@ -99,7 +105,7 @@ class PriorSampler(BaseSampler):
         """Does nothing: random numbers depend on the number of the trial."""
 
     def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
-        found = self._space.calculate(study)
+        found = self._space.calculate(study) if self._known is None else self._known
         return {name: distribution for name, distribution in found.items() if not distribution.single()}
 
     def sample_independent(
@@ -114,18 +120,21 @@ class PriorSampler(BaseSampler):
     ) -> dict[str, Any]:
         if not search_space:
             return {}
+        may_miss = {each.name for each in self._conditions}
         trials = [
             each
             for each in study.get_trials(deepcopy=False)
-            if each.number != trial.number and set(search_space) <= set(each.params)
+            if each.number != trial.number and set(search_space) - may_miss <= set(each.params)
         ]
         complete = [each for each in trials if each.state is TrialState.COMPLETE]
         random = np.random.default_rng([self._seed, trial.number])
-        space = SearchSpace(search_space, self._priors)
+        space = SearchSpace(search_space, self._priors, self._conditions)
         if trial.number < self._startup:
             start = np.random.default_rng(self._seed)
             is_uniform = trial.number % _UNIFORM_SHARE == _UNIFORM_SHARE - 1
-            covering = (SearchSpace(search_space, {}) if is_uniform else space).covering(self._startup, start)
+            covering = (SearchSpace(search_space, {}, self._conditions) if is_uniform else space).covering(
+                self._startup, start
+            )
             point = covering[trial.number]
             return space.values(self._fitting(space, np.vstack([point, space.from_prior(_CANDIDATES, random)]))[0])
         if len(complete) < 2:
@@ -161,8 +170,7 @@ class PriorSampler(BaseSampler):
         complete = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
         if len(complete) < 2:
             return complete
-        distributions = {name: each for name, each in self._space.calculate(study).items() if not each.single()}
-        space = SearchSpace(distributions, {})
+        space = SearchSpace(self.infer_relative_search_space(study, complete[0]), {}, self._conditions)
         points, random = space.points(complete), np.random.default_rng(self._seed)
         values, noise = _scalarised(study.directions[:1], complete, random)
         with threadpool_limits(1):

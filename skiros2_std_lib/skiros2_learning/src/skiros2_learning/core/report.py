@@ -88,8 +88,10 @@ def search_share(result: Evaluation) -> str:
     return f"{result.success_rate:.0%}"
 
 
-def format_value(value: Value) -> str:
-    """Returns a value with four significant digits."""
+def format_value(value: Value | None) -> str:
+    """Returns a value with four significant digits; a dash for a variable that does not exist."""
+    if value is None:
+        return "–"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
@@ -175,7 +177,7 @@ def _validation(study: LearningStudy) -> str:
     for draws, sample in [*proof, *(("choice", each) for each in found.candidates)]:
         intervals = [sample.objective(objective.name) for objective in objectives]
         cells = [f"{each.estimate:.4g} ({each.low:.4g} to {each.high:.4g})" for each in intervals]
-        values = [format_value(sample.configuration[name]) for name in names if name in sample.configuration]
+        values = [format_value(sample.configuration.get(name)) for name in names]
         share = f"{sample.good} of {sample.count} ({sample.success.low * 100:.0f} to {sample.success.high * 100:.0f} %)"
         rows.append([sample.name, draws, share, *cells, *values])
     text = "Draws that the search has not seen: one set of them chooses a configuration, another one proves it. In "
@@ -205,7 +207,7 @@ def _table(study: LearningStudy, results: dict[int, Evaluation]) -> str:
     for number in best[:_ROWS]:
         result = results[number]
         cells = [f"{result.objectives[name]:.4g}" for name in objectives]
-        cells += [format_value(result.configuration[name]) for name in names]
+        cells += [format_value(result.configuration.get(name)) for name in names]
         rows.append([number, search_share(result), *cells])
     hint = "<p class='hint'>Of the search: means of few repetitions, of which the best had luck.</p>"
     return f"<h2>Pareto-optimal configurations</h2>{hint}{_rows(heads, rows)}"

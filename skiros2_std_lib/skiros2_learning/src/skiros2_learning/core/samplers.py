@@ -6,12 +6,14 @@ import importlib.util
 import warnings
 
 import optuna
+from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
 from optuna.exceptions import ExperimentalWarning
 from optuna.samplers import BaseSampler
 
 from skiros2_common.core.errors import ConfigurationError, MissingPackage
 from skiros2_learning.core.prior_sampler import Choice, Kernels, Normal, Prior, PriorSampler
 from skiros2_learning.core.scenario import Optimiser, Scenario
+from skiros2_learning.core.search_space import Condition
 from skiros2_learning.core.variables import Gaussian, Samples, Variable, Weights
 
 #: What samplers need besides the packages for learning: modules, and what `pip install` takes.
@@ -21,6 +23,20 @@ _PACKAGES: dict[Optimiser, tuple[tuple[str, ...], str]] = {
     "optuna-gp": (("torch",), "torch"),
     "botorch": (("optuna_integration", "botorch"), "optuna-integration botorch"),
 }
+
+
+def distribution_of(variable: Variable) -> BaseDistribution:
+    """Returns Optuna's distribution of a variable."""
+    if variable.kind == "real":
+        return FloatDistribution(variable.low, variable.high, log=variable.scale == "log")
+    if variable.kind == "integer":
+        return IntDistribution(round(variable.low), round(variable.high), log=variable.scale == "log")
+    return CategoricalDistribution(variable.values)
+
+
+def conditions_of(scenario: Scenario) -> list[Condition]:
+    """Returns the conditions under which variables exist."""
+    return [Condition(v.name, name, values) for v in scenario.variables for name, values in v.only_if.items()]
 
 
 def prior_of(variable: Variable) -> Prior | None:
@@ -48,6 +64,7 @@ def make_sampler(scenario: Scenario) -> BaseSampler:
         raise MissingPackage(
             f"optimiser {chosen} needs {', '.join(missing)}, see docs/learning.md: pip install {packages}"
         )
+    conditions = conditions_of(scenario)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExperimentalWarning)
         match chosen:
@@ -55,9 +72,14 @@ def make_sampler(scenario: Scenario) -> BaseSampler:
                 priors = {v.name: prior for v in scenario.variables if (prior := prior_of(v)) is not None}
                 allowed = scenario.allows if scenario.restrictions else None
                 beta = max(1.0, scenario.budget.evaluations / 10)
-                return PriorSampler(priors, n_startup_trials=initial, beta=beta, seed=seed, allowed=allowed)
+                space = {v.name: distribution_of(v) for v in scenario.variables} if conditions else None
+                return PriorSampler(
+                    priors, n_startup_trials=initial, beta=beta, seed=seed, allowed=allowed, space=space,
+                    conditions=conditions,
+                )  # fmt: skip
             case "tpe":
-                return optuna.samplers.TPESampler(n_startup_trials=initial, multivariate=True, seed=seed)
+                group = bool(conditions)
+                return optuna.samplers.TPESampler(n_startup_trials=initial, multivariate=True, group=group, seed=seed)
             case "nsga2":
                 return optuna.samplers.NSGAIISampler(population_size=max(2, initial), seed=seed)
             case "qmc":

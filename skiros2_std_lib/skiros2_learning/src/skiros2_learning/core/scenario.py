@@ -44,7 +44,7 @@ from skiros2_learning.core.sections import (
     numbers,
     read,
 )
-from skiros2_learning.core.variables import Restriction, Value, Variable
+from skiros2_learning.core.variables import Restriction, Value, Variable, check_conditions, existing
 from skiros2_learning.core.variations import Feature, variation_problems
 
 log = logging.getLogger(__name__)
@@ -223,10 +223,10 @@ def _of_the_task(variables: tuple[Variable, ...], info: _Info) -> tuple[Variable
 
 
 def _between_numbers(restrictions: tuple[Restriction, ...], info: _Info) -> tuple[Restriction, ...]:
-    known = [v.name for v in info.data.get("variables", ()) if v.kind != "categorical"]
+    known = [v.name for v in info.data.get("variables", ()) if v.kind != "categorical" and not v.only_if]
     wrong = [(i, name) for i, each in enumerate(restrictions) for name in each.weights if name not in known]
     if wrong and "variables" in info.data:
-        text = "expected a variable that is a number"
+        text = "expected a variable that is a number, and always there"
         raise mistaken(((i, "sum", name), f"{text}; {near(name, known)}") for i, name in wrong)
     ends = {v.name: v.values or v.range for v in info.data.get("variables", ())}
     never = [i for i, each in enumerate(restrictions) if not wrong and not each.can_hold(ends)]
@@ -277,7 +277,7 @@ class Scenario(Section):
     libraries: Annotated[tuple[Text, ...], AfterValidator(_found)] = ()
     plugins: Annotated[tuple[Text, ...], AfterValidator(_found), AfterValidator(_imported)] = ()
     task: Annotated[tuple[Step, ...], AfterValidator(_named_once)]
-    variables: Annotated[Named[Variable], Some, AfterValidator(_of_the_task)]
+    variables: Annotated[Named[Variable], Some, AfterValidator(_of_the_task), AfterValidator(check_conditions)]
     restrictions: Annotated[tuple[Restriction, ...], AfterValidator(_between_numbers)] = ()
     objectives: Annotated[Named[Objective], Some]
     success: Criteria = ()
@@ -326,6 +326,11 @@ class Scenario(Section):
         """The rewards of objectives, constraints and success."""
         weighted = [part.reward for objective in self.objectives for part in objective.rewards]
         return weighted + [criterion.reward for criterion in (*self.constraints, *self.success)]
+
+    @property
+    def typical(self) -> dict[str, Value]:
+        """A configuration."""
+        return existing(self.variables, {each.name: each.typical for each in self.variables})
 
     def allows(self, configuration: Mapping[str, Value]) -> bool:
         """Whether a configuration satisfies all restrictions."""
@@ -418,8 +423,8 @@ def parse_scenario(text: str, folder: Path, source: str = "scenario", is_stored:
 
     :param folder: for relative names of files.
     :param source: for error texts.
-    :param is_stored: whether it is that of a study: `max_failures` above `repetitions`, which earlier versions accepted,
-        counts as `repetitions`, with a warning.
+    :param is_stored: whether it is that of a study: `max_failures` above `repetitions`, which earlier versions
+        accepted, counts as `repetitions`, with a warning.
     :raises ScenarioError: it has mistakes; the text names all of them.
     """
     try:
@@ -427,7 +432,7 @@ def parse_scenario(text: str, folder: Path, source: str = "scenario", is_stored:
     except WrongValue as error:
         raise ScenarioError(source, [str(error)]) from None
     if is_stored and isinstance(data, dict) and any(path == ("max_failures",) for path, _ in Scenario.mistakes(data)):
-        most = data["repetitions"] if "repetitions" in data else Scenario.repetitions
+        most = data.get("repetitions", Scenario.repetitions)
         log.warning("%s: max_failures is %s, taken as %s, the repetitions", source, data["max_failures"], most)
         data["max_failures"] = most
     try:

@@ -62,6 +62,18 @@ class Choice:
         return math.log(max(self.weights.get(value, 0.0), _LEAST_DENSITY))
 
 
+@dataclass(frozen=True)
+class Condition:
+    """A variable exists only if another one has one of some values.
+
+    :param needed: the other one, which is categorical.
+    """
+
+    name: str
+    needed: str
+    values: tuple[Any, ...]
+
+
 class HasParams(Protocol):
     """A trial, or anything else with a value for each variable."""
 
@@ -70,31 +82,60 @@ class HasParams(Protocol):
 
 
 class SearchSpace:
-    """A search space as points: one number per variable, from 0 to 1; of a nominal one, the index of its value."""
+    """A search space as points: one number per variable, from 0 to 1; of a nominal one, the index of its value.
 
-    def __init__(self, distributions: Mapping[str, BaseDistribution], priors: Mapping[str, Prior]) -> None:
+    :param conditions: variables that exist only with values of others. Where one does not, points have the place where
+        its prior is highest: all such points are alike in it.
+    """
+
+    def __init__(
+        self,
+        distributions: Mapping[str, BaseDistribution],
+        priors: Mapping[str, Prior],
+        conditions: Sequence[Condition] = (),
+    ) -> None:
         self._distributions = dict(sorted(distributions.items()))
         self._priors = [priors.get(name) for name in self._distributions]
         self.nominal = [_is_nominal(distribution) for distribution in self._distributions.values()]
         self.dimensions = len(self._distributions)
         self._tables: dict[int, tuple[Array, Array]] = {}
+        names = list(self._distributions)
+        self._conditions: list[tuple[int, int, Array]] = []
+        for each in conditions:
+            units = np.array([_to_unit(self._distributions[each.needed], value) for value in each.values])
+            self._conditions.append((names.index(each.name), names.index(each.needed), units))
+        self._absent = [
+            self._highest(i) if any(each[0] == i for each in self._conditions) else 0.0 for i in range(self.dimensions)
+        ]
 
     def points(self, trials: Sequence[HasParams]) -> Array:
         """Returns the points of trials, shape (n, d)."""
-        items = self._distributions.items()
-        return np.array([[_to_unit(d, each.params[name]) for name, d in items] for each in trials]).reshape(
-            len(trials), self.dimensions
-        )
+        items = list(zip(self._distributions.items(), self._absent, strict=True))
+        return np.array(
+            [
+                [_to_unit(d, each.params[name]) if name in each.params else absent for (name, d), absent in items]
+                for each in trials
+            ]
+        ).reshape(len(trials), self.dimensions)
 
     def values(self, point: Array) -> dict[str, Any]:
         """Returns the values of a point by name."""
         return {name: _from_unit(d, float(x)) for (name, d), x in zip(self._distributions.items(), point, strict=True)}
 
     def rounded(self, points: Array) -> Array:
-        """Returns the points with values that exist: integers, choices."""
-        return np.column_stack(
+        """Returns the points with values that exist: integers, choices, and variables beside the values of others."""
+        found = np.column_stack(
             [_round_units(distribution, points[:, i]) for i, distribution in enumerate(self._distributions.values())]
         )
+        missing = np.zeros(found.shape, dtype=bool)
+        for i, needed, units in self._conditions:
+            fits = (np.abs(found[:, needed, None] - units) < 1e-9).any(axis=1)
+            missing[:, i] |= ~fits | missing[:, needed]
+        return np.where(missing, self._absent, found)
+
+    def _highest(self, index: int) -> float:
+        grid, logs = self._table(index, list(self._distributions.values())[index], self._priors[index])
+        return float(grid[int(np.argmax(logs))] if self._priors[index] is not None else grid[len(grid) // 2])
 
     def uniform(self, count: int, random: np.random.Generator) -> Array:
         """Draws points without the prior."""

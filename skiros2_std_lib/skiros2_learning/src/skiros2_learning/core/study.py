@@ -20,7 +20,7 @@ from statistics import variance
 from typing import TypeVar
 
 import optuna
-from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
+from optuna.distributions import BaseDistribution
 from optuna.exceptions import ExperimentalWarning
 from optuna.storages import RDBStorage
 from optuna.study import StudyDirection
@@ -31,10 +31,10 @@ from skiros2_common.core.yaml_text import read_yaml
 from skiros2_learning.core.evaluation import Evaluation, seed_of
 from skiros2_learning.core.prior_sampler import REPETITIONS
 from skiros2_learning.core.ranking import pareto_optimal, ranked
-from skiros2_learning.core.samplers import make_sampler
+from skiros2_learning.core.samplers import distribution_of, make_sampler
 from skiros2_learning.core.scenario import Scenario, load_scenario
 from skiros2_learning.core.storage import HEARTBEAT, StorageFailed, open_storage, public_name, repeat_stale, storing
-from skiros2_learning.core.variables import Value, Variable
+from skiros2_learning.core.variables import Value, Variable, configuration_problems
 
 log = logging.getLogger(__name__)
 
@@ -159,7 +159,7 @@ class LearningStudy:
         """
         lost = self._trials(TrialState.RUNNING)
         for trial in lost:
-            if _RESULT in trial.user_attrs or trial.params.keys() != self._distributions.keys():
+            if _RESULT in trial.user_attrs or configuration_problems(self.scenario.variables, trial.params):
                 self._reliably(lambda each=trial: self._end_interrupted(each))  # type: ignore[misc]
             else:
                 self._interrupted.append(trial.number)
@@ -381,20 +381,33 @@ def _reliably(folder: Path, url: str, work: Callable[[], T]) -> T:
 def _draw(study: optuna.Study, distributions: Mapping[str, BaseDistribution], scenario: Scenario) -> Trial:
     """Returns a new trial that satisfies the restrictions: others are pruned."""
     for _ in range(_DRAWS):
-        trial = study.ask(dict(distributions))
+        trial = _asked(study, distributions, scenario)
         if scenario.allows(trial.params):
             return trial
         study.tell(trial, state=TrialState.PRUNED)
     raise Refused(f"optimiser {scenario.optimiser}: of {_DRAWS} configurations none satisfies the restrictions")
 
 
-def distribution_of(variable: Variable) -> BaseDistribution:
-    """Returns Optuna's distribution of a variable."""
+def _asked(study: optuna.Study, distributions: Mapping[str, BaseDistribution], scenario: Scenario) -> Trial:
+    """Returns a new trial with values of the variables that exist beside each other."""
+    if not any(each.only_if for each in scenario.variables):
+        return study.ask(dict(distributions))
+    trial = study.ask()
+    for variable in scenario.variables:
+        if variable.exists(trial.params):
+            _suggest(trial, variable)
+    return trial
+
+
+def _suggest(trial: Trial, variable: Variable) -> None:
+    """Gives a trial a value of a variable."""
+    low, high, log_scale = variable.low, variable.high, variable.scale == "log"
     if variable.kind == "real":
-        return FloatDistribution(variable.low, variable.high, log=variable.scale == "log")
-    if variable.kind == "integer":
-        return IntDistribution(round(variable.low), round(variable.high), log=variable.scale == "log")
-    return CategoricalDistribution(variable.values)
+        trial.suggest_float(variable.name, low, high, log=log_scale)
+    elif variable.kind == "integer":
+        trial.suggest_int(variable.name, round(low), round(high), log=log_scale)
+    else:
+        trial.suggest_categorical(variable.name, variable.values)
 
 
 def _shared(scenario: Scenario) -> dict[str, object]:

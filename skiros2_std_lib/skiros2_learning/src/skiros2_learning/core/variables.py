@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import AfterValidator, Field, PlainValidator
+from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator
 
 from skiros2_learning.core.sections import (
     Keyed,
@@ -19,6 +19,8 @@ from skiros2_learning.core.sections import (
     Section,
     Some,
     Text,
+    mistaken,
+    near,
     numbers,
     read,
 )
@@ -80,6 +82,10 @@ def _read_prior(data: Any) -> Prior:
     return read(kind, data)
 
 
+def _as_list(data: Any) -> Any:
+    return data if isinstance(data, list) else [data]
+
+
 @dataclass(frozen=True)
 class Variable(Section):
     """A parameter of a skill to be learned.
@@ -89,6 +95,7 @@ class Variable(Section):
     :param values: of an ordinal (numbers, ascending) or a categorical variable.
     :param scale: of a real or an integer: on a logarithmic one, samplers see 0.1 to 1 as wide as 1 to 10.
     :param prior: None for a uniform one.
+    :param only_if: variables above with their values, all of which this one needs: it does not exist without them.
     """
 
     name: Name
@@ -98,6 +105,12 @@ class Variable(Section):
     unit: Text = ""
     scale: Literal["linear", "log"] = "linear"
     prior: Annotated[Prior | None, PlainValidator(_read_prior)] = None
+    only_if: Keyed[Annotated[tuple[Any, ...], BeforeValidator(_as_list)]] = field(default_factory=dict)
+
+    @property
+    def condition_text(self) -> str:
+        """When it exists, for people: `Push.Mode is fast or slow`; "" for always."""
+        return " and ".join(f"{name} is {' or '.join(map(str, values))}" for name, values in self.only_if.items())
 
     @property
     def low(self) -> float:
@@ -114,6 +127,10 @@ class Variable(Section):
             return f"one of {', '.join(map(str, self.values))}"
         unit = f" {self.unit}" if self.unit else ""
         return f"{self.low:g} to {self.high:g}{unit}"
+
+    def exists(self, configuration: Mapping[str, Any]) -> bool:
+        """Whether it exists beside these values of the variables above."""
+        return all(name in configuration and configuration[name] in values for name, values in self.only_if.items())
 
     @property
     def typical(self) -> Value:
@@ -196,11 +213,42 @@ def configuration_problems(variables: Sequence[Variable], configuration: dict[st
     names = {variable.name for variable in variables}
     found = [f"{name}: not a variable of the scenario" for name in configuration if name not in names]
     for variable in variables:
-        if variable.name not in configuration:
+        if not variable.exists(configuration):
+            if variable.name in configuration:
+                found.append(f"{variable.name}: only if {variable.condition_text}")
+        elif variable.name not in configuration:
             found.append(f"{variable.name}: no value")
         elif problem := variable.problem(configuration[variable.name]):
             found.append(problem)
     return found
+
+
+def existing(variables: Sequence[Variable], configuration: Mapping[str, Value]) -> dict[str, Value]:
+    """Returns the part of a configuration whose variables exist."""
+    found: dict[str, Value] = {}
+    for variable in variables:
+        if variable.exists(found):
+            found[variable.name] = configuration[variable.name]
+    return found
+
+
+def check_conditions(variables: tuple[Variable, ...]) -> tuple[Variable, ...]:
+    """Checks that variables depend on allowed values of variables above them. Returns them.
+
+    :raises ValidationError: with all mistakes.
+    """
+    wrong: list[Mistake] = []
+    for index, variable in enumerate(variables):
+        above = {each.name: each for each in variables[:index] if each.values}
+        for name, values in variable.only_if.items():
+            if name not in above:
+                text = f"expected a variable above this one that has values; {near(name, list(above))}"
+                wrong.append(((variable.name, "only_if", name), text))
+            elif problem := next(filter(None, map(above[name].problem, values)), ""):
+                wrong.append(((variable.name, "only_if", name), problem))
+    if wrong:
+        raise mistaken(wrong)
+    return variables
 
 
 def _values_mistake(kind: str, values: Sequence[Any]) -> str:

@@ -252,6 +252,8 @@ def default_configuration(scenario: Scenario) -> dict[str, Value]:
     with FakeClock() as clock, Episode(scenario, scenario.seed, 0, clock) as episode:
         declared = {step.name: declared_parameters(episode.bench, step) for step in scenario.task}
     for variable in scenario.variables:
+        if not variable.exists(found):
+            continue
         name, _, key = variable.name.rpartition(".")
         value = declared[name][key].value
         if value is None:
@@ -284,6 +286,8 @@ def step_problems(scenario: Scenario, step: Step, bench: SkillBench) -> list[str
         ends = variable.values or (variable.low, variable.high)
         if param.is_element:
             found.append(f"{variable.name}: an element cannot be learned; only numbers, texts and truth values can")
+        elif variable.only_if and is_missing(param):
+            found.append(f"{variable.name}: exists not always, but the skill requires a value: give it a default")
         elif problem := param.limits.problem(ends):
             found.append(f"{variable.name}: the skill allows other values: {problem}")
     for key, value in step.parameters.items():

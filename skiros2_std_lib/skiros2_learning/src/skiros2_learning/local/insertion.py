@@ -106,6 +106,8 @@ def default_configuration(scenario: Scenario) -> dict[str, Value]:
     with SkillBench(SCENE) as bench:
         bench.load(*insertion_skills())
         for variable in scenario.variables:
+            if not variable.exists(found):
+                continue
             name, _, key = variable.name.rpartition(".")
             (step,) = (each for each in scenario.task if each.name == name)
             declared = declared_parameters(bench, step)[key].value

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import resource
 import socket
+from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,14 +25,26 @@ class FakePublisher:
         return self._connections.pop(0) if len(self._connections) > 1 else self._connections[0]
 
 
+@pytest.fixture
+def listening() -> Iterator[list[socket.socket]]:
+    """The socket of the recorder, empty: it has died."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield [server]
+
+
 @pytest.fixture(autouse=True)
-def registered(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+def registered(monkeypatch: pytest.MonkeyPatch, listening: list[socket.socket]) -> list[Any]:
     """The topics of the master with their subscribers: a server and a recorder subscribe to the publisher's topic."""
     known: list[Any] = [["/other", ["/a", "/b", "/c"]], ["/job/goal", ["/server", "/recorder"]]]
 
     class Master:
         def __init__(self, caller: str) -> None:
             pass
+
+        def lookupNode(self, name: str) -> str:
+            if name != "/recorder" or not listening:
+                raise connections.rosgraph.MasterError(f"no node {name}")
+            return f"http://127.0.0.1:{listening[0].getsockname()[1]}/"
 
         def getSystemState(self) -> Any:
             if not known:
@@ -47,8 +60,28 @@ def test_are_connected_is_true_when_all_registered_subscribers_are() -> None:
     assert [found.are_connected() for _ in range(3)] == [False, False, True]
 
 
-def test_are_connected_is_true_after_the_timeout() -> None:
-    assert RegisteredSubscribers(FakePublisher(1), timeout=0.0).are_connected()
+def test_are_connected_is_true_after_the_timeout_without_those_that_have_died(listening: list[Any]) -> None:
+    listening.clear()
+    found = RegisteredSubscribers(FakePublisher(0), timeout=0.0, longest=60.0)
+    found.are_connected()
+    assert found._checking is not None
+    found._checking.join()
+    assert found.are_connected()
+
+
+def test_are_connected_is_false_while_a_running_subscriber_connects() -> None:
+    publisher = FakePublisher(0)
+    found = RegisteredSubscribers(publisher, timeout=0.0, longest=60.0)
+    assert not found.are_connected()
+    assert found._checking is not None
+    found._checking.join()
+    assert not found.are_connected()
+    publisher._connections = [1]  # of the recorder; the server has died
+    assert found.are_connected()
+
+
+def test_are_connected_is_true_after_the_longest_time() -> None:
+    assert RegisteredSubscribers(FakePublisher(1), timeout=0.0, longest=0.0).are_connected()
 
 
 def test_are_connected_is_true_without_a_master(registered: list[Any]) -> None:

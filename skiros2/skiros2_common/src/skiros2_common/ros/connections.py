@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import select
+import socket
+import threading
 import time
+import urllib.parse
 from typing import Any
 
 import rosgraph
@@ -12,12 +15,12 @@ from actionlib import CommState
 
 from skiros2_common.command_line.master import XMLRPC_ERRORS
 
-#: How long registered subscribers, which may have died, have to connect (s of wall time).
+#: How long registered subscribers that may have died have to connect (s of wall time).
 CONNECTION_TIMEOUT = 1.0
 
 _POLL_PERIOD = 0.005  # s
 
-#: How long to wait for the other subscribers of an action's goals (s).
+#: How long those that run have to connect (s of wall time).
 _SUBSCRIBERS_TIMEOUT = 5.0
 
 
@@ -37,21 +40,49 @@ def was_closed(transport: Any) -> bool:
 class RegisteredSubscribers:
     """The nodes that the master lists as subscribers of a publisher's topic. Calls the master once, when created.
 
-    :param timeout: s of wall time after which subscribers without a connection count as dead.
+    :param timeout: s of wall time after which subscribers that have died do not count.
+    :param longest: s of wall time after which those without a connection do not count.
     """
 
-    def __init__(self, publisher: Any, timeout: float = CONNECTION_TIMEOUT) -> None:
+    def __init__(
+        self, publisher: Any, timeout: float = CONNECTION_TIMEOUT, longest: float = _SUBSCRIBERS_TIMEOUT
+    ) -> None:
         self._publisher = publisher
         self._deadline = time.monotonic() + timeout
+        self._latest = time.monotonic() + max(timeout, longest)
+        self._names: list[str] = []
+        self._alive: int | None = None  # how many of them run; None: not known
+        self._checking: threading.Thread | None = None
         try:
             _, subscribers, _ = rosgraph.Master(rospy.get_name()).getSystemState()
         except (*XMLRPC_ERRORS, rosgraph.MasterException):
-            subscribers = []
-        self._count = next((len(nodes) for topic, nodes in subscribers if topic == publisher.resolved_name), 0)
+            return
+        self._names = next((nodes for topic, nodes in subscribers if topic == publisher.resolved_name), [])
 
     def are_connected(self) -> bool:
-        """Whether all of them are connected, the timeout has passed, or no master answered."""
-        return self._publisher.get_num_connections() >= self._count or time.monotonic() >= self._deadline
+        """Whether all of them that run are connected, the longest time has passed, or no master answered."""
+        number, now = self._publisher.get_num_connections(), time.monotonic()
+        if number >= len(self._names) or now >= self._latest:
+            return True
+        if now < self._deadline:
+            return False
+        if self._checking is None:  # on a busy machine, a recorder may need seconds to connect
+            self._checking = threading.Thread(target=self._count_alive, name="liveness of subscribers", daemon=True)
+            self._checking.start()
+        return self._alive is not None and bool(number >= self._alive)
+
+    def _count_alive(self) -> None:
+        self._alive = sum(map(_is_running, self._names))
+
+
+def _is_running(node: str) -> bool:
+    """Whether a node that the master lists takes connections."""
+    try:
+        address = urllib.parse.urlparse(rosgraph.Master(rospy.get_name()).lookupNode(node))
+        socket.create_connection((address.hostname, address.port), CONNECTION_TIMEOUT).close()
+    except (*XMLRPC_ERRORS, rosgraph.MasterException, ValueError):
+        return False
+    return True
 
 
 def wait_for_subscribers(publisher: Any, timeout: float = CONNECTION_TIMEOUT) -> None:
@@ -99,7 +130,7 @@ class ServerWatch:
             self._subscribers = RegisteredSubscribers(client.pub_goal)
         if not is_connected or self._subscribers is None:
             return False
-        return self.age() > _SUBSCRIBERS_TIMEOUT or self._subscribers.are_connected()
+        return self._subscribers.are_connected()
 
     def age(self) -> float:
         """Time since creation (s of wall time)."""

@@ -51,6 +51,9 @@ class RecordedActions:
         for event in recording.action_messages:
             if event.part in ("feedback", "result"):
                 self._answers.setdefault(event.goal_id, []).append(event)
+        self._goals = sorted([*self._goals, *self._missed_goals()], key=lambda goal: goal.time)
+        #: Goals that were sent and that the bag lacks, for people.
+        self.gaps: list[str] = []
         self._matched: set[str] = set()  # ids of recorded goals
         self._status_since: dict[str, float] = {}  # time of the first status of a server (s) by action
         for status in (event for event in recording.events if isinstance(event, ServerStatus)):
@@ -94,7 +97,8 @@ class RecordedActions:
     def is_due(self, action: str) -> bool:
         """Whether the recorded sender has sent its next goal to an action by the current tick."""
         goal = next(self._unmatched_goals(action), None)
-        if goal is None or abs(goal.time - self._now) > LAG:
+        is_known = goal is not None and goal.content is not None
+        if goal is None or (is_known and abs(goal.time - self._now) > LAG) or goal.time < self._now - LAG:
             return goal is not None and goal.time < self._now
         return self._sends_goal and f"{WAITING} {action}" not in self._messages  # sent close to the tick
 
@@ -104,7 +108,13 @@ class RecordedActions:
         if expected is None:
             self.mismatches.append((f"a goal to {client.ns}", "no further goal", _format_value(goal)))
             return
-        differences = list(diff_messages(expected.content, goal, self._tolerances.of_goal(client.ns)))
+        if expected.content is None:
+            self.gaps.append(f"a goal to {client.ns}: the bag has its answers, but the recorder has missed the goal")
+        differences = (
+            []
+            if expected.content is None
+            else list(diff_messages(expected.content, goal, self._tolerances.of_goal(client.ns)))
+        )
         if differences:
             field, wanted, found = differences[0]
             self.mismatches.append((f"a goal to {client.ns}, field {field}", wanted, found))
@@ -141,6 +151,14 @@ class RecordedActions:
         goals = (goal for goal in self._goals if goal.goal_id not in self._matched)
         found = [e for e in (*goals, *self._cancels) if e.caller in senders and e.order >= since and e.time < until]
         return sorted(found, key=lambda e: e.order)
+
+    def _missed_goals(self) -> Iterator[ActionMessage]:
+        """Yields a goal without content, at the time of its first answer, for each goal that only its answers show."""
+        known = {goal.goal_id for goal in self._goals}
+        for goal_id, (first, *_) in self._answers.items():
+            if goal_id not in known:
+                sender = goal_id.rsplit("-", 2)[0]  # as actionlib makes ids
+                yield ActionMessage(first.order, first.time, first.action, "goal", goal_id, None, sender)
 
     def _unmatched_goals(self, action: str) -> Iterator[ActionMessage]:
         """Yields the recorded goals of the current sender that were not matched yet."""

@@ -324,6 +324,7 @@ class RerunPass:
             )
         if pushed := sorted({key for run in self._recorded for key in pushed_by(run, self._is_played(run))}):
             found.append(f"values of {', '.join(pushed)} that skills get: played skills have pushed them")
+        found += self.actions.gaps
         if self._writes.has_measured_poses:
             found.append("written poses exactly: others have moved elements in this run")
         if self._writes.has_any and not all(run.has_writes for run in self._recorded):

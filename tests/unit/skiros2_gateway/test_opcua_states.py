@@ -164,14 +164,50 @@ def test_each_method_answers_with_its_return_status(in_server: Run) -> None:
     in_server(test)
 
 
-def test_order_that_needs_what_the_cell_does_not_plan_is_not_accepted(in_server: Run) -> None:
+def test_personnel_assets_and_material_of_an_order_are_kept_and_reported(in_server: Run) -> None:
     async def test(gateway: Any) -> None:
         async with Mes(gateway.address) as mes:
             await mes.load()
+            unit = ua.EUInformation("http://www.opcfoundation.org/UA/units/un/cefact", 4408652, ua.LocalizedText("kg"))
+            weight = ua.ISA95PropertyDataType(ID="Weight", Value=ua.Variant(1.5))
+            made = order("resources")
+            made.PersonnelRequirements = [ua.ISA95PersonnelDataType(ID="welder", PersonnelUse="observe", Quantity="2")]
+            made.PhysicalAssetRequirements = [ua.ISA95PhysicalAssetDataType(ID="gripper-7", Properties=[weight])]
+            made.MaterialRequirements = [
+                ua.ISA95MaterialDataType(
+                    MaterialDefinitionID="screw M4", MaterialLotID="lot 9", Quantity="0.25", EngineeringUnits=unit
+                )
+            ]
+            assert await mes.call("Store", made, NO_COMMENT) == SUCCESS
+            assert await mes.call("Store", made, NO_COMMENT) == SUCCESS  # the same order is the same job
+            stored = gateway.store.get("resources").order.resources
+            assert [each.kind for each in stored] == ["personnel", "physical_asset", "material"]
+            listed = await (await mes.object("JobOrderReceiver")).get_child(f"{mes.index}:JobOrderList")
+            [found] = [e.JobOrder for e in await listed.read_value() if e.JobOrder.JobOrderID == "resources"]
+            [person], [asset], [material] = (
+                found.PersonnelRequirements, found.PhysicalAssetRequirements, found.MaterialRequirements
+            )  # fmt: skip
+            assert (person.ID, person.PersonnelUse, person.Quantity) == ("welder", "observe", "2")
+            assert (asset.ID, asset.Properties[0].ID, asset.Properties[0].Value.Value) == ("gripper-7", "Weight", 1.5)
+            assert (material.MaterialLotID, material.MaterialDefinitionID) == ("lot 9", "screw M4")
+            assert (material.EngineeringUnits.UnitId, material.EngineeringUnits.DisplayName.Text) == (4408652, "kg")
+            made.MaterialRequirements[0].MaterialLotID = "lot 10"
+            assert await mes.call("Store", made, NO_COMMENT) == NOT_ACCEPTED  # another order with this id
+            assert await mes.call("Cancel", "resources", NO_COMMENT) == SUCCESS
+
+    in_server(test)
+
+
+def test_order_with_what_cannot_be_kept_is_not_accepted(in_server: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with Mes(gateway.address) as mes:
+            await mes.load()
+            below = ua.ISA95PropertyDataType(ID="s", Value=ua.Variant(1))
+            group = ua.ISA95PropertyDataType(ID="group", Value=ua.Variant(1), Subproperties=[below])
             for name, need in (
-                ("PersonnelRequirements", ua.ISA95PersonnelDataType(ID="p")),
-                ("PhysicalAssetRequirements", ua.ISA95PhysicalAssetDataType(ID="a")),
-                ("MaterialRequirements", ua.ISA95MaterialDataType(MaterialLotID="m")),
+                ("PersonnelRequirements", ua.ISA95PersonnelDataType(ID="p", Properties=[group])),
+                ("PhysicalAssetRequirements", ua.ISA95PhysicalAssetDataType(ID="a", Properties=[below, below])),
+                ("MaterialRequirements", ua.ISA95MaterialDataType(MaterialLotID="m", Quantity="some")),
             ):
                 made = order("needs")
                 setattr(made, name, [need])

@@ -19,6 +19,7 @@ from pydantic import (
 from skiros2_common.core.errors import Refused
 from skiros2_gateway.core.cell import Ending
 from skiros2_gateway.core.problems import Rejected, problems_of
+from skiros2_gateway.core.resources import Resource
 from skiros2_gateway.core.values import STORED, Value
 from skiros2_task.core.goal_text import MAX_GOAL
 
@@ -132,6 +133,7 @@ class Order(BaseModel):
     earliest_start: AwareDatetime | None = None
     due: AwareDatetime | None = Field(None, description="of jobs with one priority, the earliest due time starts first")
     robots: tuple[str, ...] = Field((), max_length=100, description="node names of the allowed robots; empty: all")
+    resources: tuple[Resource, ...] = Field((), max_length=100, description="which the cell does not plan with")
     quality: Literal["", "first", "best", "optimal"] = Field("", description="wanted plan quality")
     on_restart: Literal["", "continue", "ask", "abort"] = Field(
         "", description="after a restart of the cell; empty: ask if a robot of the job holds something, else continue"

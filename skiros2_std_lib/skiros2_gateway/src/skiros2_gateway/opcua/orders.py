@@ -11,15 +11,13 @@ from skiros2_gateway.core.job import Job, State, Substate, read_order
 from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.problems import Problem, Rejected
 from skiros2_gateway.core.work_masters import WorkMaster
+from skiros2_gateway.opcua.resources import add_resources, resources_data
 
 #: The parameter of an order that has the goal text, where no work master is named.
 GOAL_PARAMETER = "Goal"
 #: The parameter of an order with the wanted plan quality.
 QUALITY_PARAMETER = "PlanQuality"
 
-
-#: Fields of an order for what the gateway does not plan: an order that needs them is not accepted.
-_NOT_PLANNED = ("PersonnelRequirements", "PhysicalAssetRequirements", "MaterialRequirements")
 
 #: The object that has the state machine of sub-states, by state.
 SUBSTATES = {
@@ -36,11 +34,8 @@ def order_data(order: Any) -> dict[str, Any]:
     :param order: an ISA95JobOrderDataType.
     :raises Rejected: with all problems of its fields.
     """
-    problems = [
-        Problem("wrong_value", name, f"{len(values)} entries", "none: the cell plans with robots only")
-        for name in _NOT_PLANNED
-        if (values := getattr(order, name))
-    ]
+    problems: list[Problem] = []
+    resources = resources_data(order, problems)
     problems += [
         Problem("wrong_value", f"parameters.{p.ID}", "Subparameters", "a value")
         for p in order.JobOrderParameters or []
@@ -58,6 +53,7 @@ def order_data(order: Any) -> dict[str, Any]:
         "description": "\n".join(text.Text or "" for text in order.Description or []),
         "priority": order.Priority or 0,
         "robots": [str(equipment.ID) for equipment in order.EquipmentRequirements or []],
+        "resources": resources,
         "quality": parameters.pop(QUALITY_PARAMETER, ""),
         "earliest_start": _iso(order.StartTime),
         "due": _iso(order.EndTime),
@@ -88,6 +84,7 @@ def job_order(job: Job) -> Any:
     values = {**order.parameters, **({GOAL_PARAMETER: order.goal} if order.goal else {})}
     make.JobOrderParameters = [parameter(key, value) for key, value in values.items()]
     make.EquipmentRequirements = [ua.ISA95EquipmentDataType(ID=robot) for robot in job.robots]
+    add_resources(make, order.resources)
     return make
 
 

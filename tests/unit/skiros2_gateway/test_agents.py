@@ -30,11 +30,18 @@ class Agent:
     def __init__(self, client: Client, address: str) -> None:
         self.client = client
         self.address = address
+        self.schemas: dict[str, Any] = {}
 
     async def call(self, tool: str, **arguments: Any) -> Any:
         """Calls a tool; returns its data, which are an error's if it has a `code`."""
         result = await self.client.call_tool(tool, arguments)
         assert result.is_error == ("code" in result.structured_content)
+        if not self.schemas:
+            self.schemas = {each.name: each.output_schema for each in (await self.client.list_tools()).tools}
+        if not result.is_error:
+            schema = self.schemas[tool]
+            assert schema["type"] == "object"
+            jsonschema.validate(result.structured_content, schema)
         return result.structured_content
 
 

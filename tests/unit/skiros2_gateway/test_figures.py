@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from skiros2_gateway.core.figures import Figures, report, totals_of
+from skiros2_gateway.core.job import Job, Order, Response, State
+from skiros2_gateway.core.missed_tasks import MissedTasks
 from skiros2_gateway.core.store import FigureKey, JobStore
 from skiros2_gateway.http.figures import figures_router
-from skiros2_live.core.cell import CellDocument
+from skiros2_live.core.cell import CellDocument, GoalChanged
 from skiros2_live.core.patch import ManagerConnection, TaskProgress
 from support.http_gateway import curl, served
 from support.progress import FAILURE, SUCCESS, ProgressNode, pick_and_place, root
@@ -113,3 +116,41 @@ def test_figures_are_read_by_rest_also_as_csv(in_gateway: Callable[..., None]) -
             assert await read("/skills.csv?begin=20000") == "robot,skill,runs,failures,mean_s\n"
 
     in_gateway(test)
+
+
+def test_tasks_of_jobs_that_have_ended_unseen_are_counted_once(cell: Cell) -> None:
+    def step(number: int, state: str) -> dict[str, Any]:
+        return {"number": number, "robot": ROBOT, "state": state, "message": "", "task": number}
+
+    cell.run(root(3), seconds=1.0)  # runs when the gateway starts again
+    response = Response(steps=[step(0, "succeeded"), step(1, "running")])
+    job = Job(Order(id="a", goal="(at)"), "(at)", 1, 0.0, 0.0, State.RUNNING, response=response)
+    MissedTasks(cell.document, [job, replace(job, order=Order(id="other", goal="(at)"), state=State.ENDED)])
+    cell.document.subscribe(GoalChanged, lambda change: None)
+    steps = [step(0, "succeeded"), step(1, "succeeded"), step(2, "failed"), step(3, "running")]
+    for _ in range(2):
+        for goal in ("a", "other", "of another client"):
+            cell.document._publish(GoalChanged(goal, {"steps": {str(each["number"]): each for each in steps}}))
+    assert (cell.counters["succeeded"], cell.counters["failed"]) == (1, 1)
+    cell.run(root(3, SUCCESS, 1), seconds=1.0)
+    steps[3]["state"] = "succeeded"
+    cell.document._publish(GoalChanged("a", {"steps": {str(each["number"]): each for each in steps}}))
+    assert (cell.counters["succeeded"], cell.counters["failed"]) == (2, 1)
+    cell.figures.write()
+    cell.restart()
+    assert (cell.counters["succeeded"], cell.counters["failed"]) == (2, 1)
+
+
+def test_time_without_a_gateway_is_reported_as_unknown(cell: Cell) -> None:
+    cell.now = 2 * 3600.0
+    cell.restart()
+    for seconds in (1.0, 3599.0):
+        cell.now += seconds
+        cell.figures.write()
+    cell.now += 3600.0  # it does not run
+    cell.restart()
+    cell.now += 1800.0
+    cell.figures.write()
+    [robot] = report(cell.store, 0.0, cell.now)["robots"]
+    assert (robot["total_s"], robot["unknown_s"]) == (5400.0, 5400.0)  # also the rest of the hour
+    assert robot["availability"] == 1.0

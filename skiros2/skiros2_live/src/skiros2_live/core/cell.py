@@ -216,6 +216,13 @@ class CellDocument:
             self._publish(RobotChanged(self.robots[manager]))
         return self.robots[manager]
 
+    def count_task(self, manager: str, *, is_success: bool) -> None:
+        """Counts a task that has ended unseen."""
+        robot = self._robot(manager)
+        robot.succeeded += is_success
+        robot.failed += not is_success
+        self._update(robot, has_counted=True)
+
     def _connect(self, patch: ManagerConnection) -> None:
         robot = self._robot(patch.manager)
         robot.connect(patch.is_connected)

@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict
 
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_gateway.agents.calls import Calls, until_gone
+from skiros2_gateway.agents.results import output_schema
 from skiros2_gateway.agents.tools import Tools
 from skiros2_gateway.core.access import Role
 from skiros2_gateway.core.json_text import json_text
@@ -114,6 +115,7 @@ class AgentServer:
                 name=tool.name,
                 description=tool.description,
                 input_schema=tool.arguments.model_json_schema(),
+                output_schema=output_schema(tool.name),
                 annotations=types.ToolAnnotations(read_only_hint=not tool.moves, destructive_hint=tool.moves),
             )
             for tool in self._tools.all.values()

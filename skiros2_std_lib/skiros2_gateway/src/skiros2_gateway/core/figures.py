@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import time
 import weakref
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
@@ -111,8 +112,13 @@ def report(store: JobStore, begin: float, end: float) -> dict[str, Any]:
 
     :param begin, end: s since the epoch; the figures of robots are those of all hours that the period touches.
     """
-    figures = store.figures(int(begin // _HOUR), int(-(-end // _HOUR)))
-    robots = [{"robot": name, **totals.counters()} for name, totals in sorted(totals_of(figures).items())]
+    first, last = int(begin // _HOUR), int(-(-end // _HOUR))
+    figures, since = store.figures(first, last), store.first_hours()
+    robots = []
+    for name, totals in sorted(totals_of(figures).items()):
+        counters = totals.counters()
+        period = min(last * _HOUR, time.time()) - max(first, since.get(name, first)) * _HOUR
+        robots.append({"robot": name, **counters, "unknown_s": max(0.0, period - counters["total_s"])})
     skills = [
         {
             "robot": key.robot,

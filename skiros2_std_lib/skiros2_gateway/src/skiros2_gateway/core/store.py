@@ -393,6 +393,10 @@ class JobStore:
         )
         return {FigureKey(robot, kind, name): value for robot, kind, name, value in rows}
 
+    def first_hours(self) -> dict[str, int]:
+        """Returns the first hour (since the epoch) of which there are figures of each robot."""
+        return dict(self._read("SELECT robot, MIN(hour) FROM figures GROUP BY robot"))
+
     def count_ended(self, begin: float, end: float, key: str, where: str = "TRUE") -> list[Any]:
         """Returns how many jobs have ended between two times (s since the epoch), by an SQL key, the most first."""
         query = f"SELECT {key}, COUNT(*) AS n FROM jobs WHERE ended >= ? AND ended < ? AND {where} GROUP BY {key}"

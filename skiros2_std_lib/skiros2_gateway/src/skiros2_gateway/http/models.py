@@ -291,6 +291,7 @@ class RobotFigures(BaseModel):
     utilisation: float
     quality: float
     oee: float
+    unknown_s: float = Field(description="in which the gateway did not run: in no other figure, nor in the ratios")
 
 
 class SkillFigures(BaseModel):

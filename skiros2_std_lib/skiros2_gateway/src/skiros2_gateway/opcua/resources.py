@@ -24,7 +24,7 @@ _UNITS = "http://www.opcfoundation.org/UA/units/un/cefact"
 
 
 def resources_data(order: Any, problems: list[Problem]) -> list[dict[str, Any]]:
-    """Returns the resources of an order (ISA95JobOrderDataType) as JSON data; adds what cannot be kept to `problems`."""
+    """Returns the resources of an order (ISA95JobOrderDataType) as JSON data; adds what cannot be kept."""
     found = []
     for kind, (field, _, use) in _FIELDS.items():
         for number, each in enumerate(getattr(order, field) or []):

@@ -26,6 +26,7 @@ from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.figures import Figures, totals_of
 from skiros2_gateway.core.job_control import JobControl
 from skiros2_gateway.core.live import LiveView
+from skiros2_gateway.core.missed_tasks import MissedTasks
 from skiros2_gateway.core.problems import problems_of
 from skiros2_gateway.core.retention import keep_days
 from skiros2_gateway.core.service import Service
@@ -95,6 +96,7 @@ async def _serve(settings: Settings) -> None:
     cell = RosCell(control, events, masters, settings.jobs_at_once)
     cell.document.continue_counters(totals_of(store.figures()))
     figures = Figures(store, cell.document)
+    MissedTasks(cell.document, control.jobs)
     async with contextlib.AsyncExitStack() as stack:
         stack.callback(is_down.set)
         stack.callback(lock.close)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -188,3 +189,29 @@ def test_last_changes_of_an_element_are_read_without_its_whole_history(
     assert len(rows) < 40
     assert changes(limit=10_000) == every
     assert changes(author="nobody", limit=1) == []
+
+
+def test_recent_changes_are_read_without_the_older_ones(
+    mary: LocalWorldModel, model: WorldModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By rowid, in the order of time. The index of elements would be read for the whole context."""
+    queries: list[str] = []
+    opened = history.read_only
+
+    def traced(path: Path) -> Any:
+        db = opened(path)
+        db.set_trace_callback(queries.append)
+        return db
+
+    tray, before = box(mary, Weight=1.0), model.number
+    tray.setProperty("skiros:Weight", 2.0)
+    mary.update_element(tray)
+    monkeypatch.setattr(history, "read_only", traced)
+    assert model.history.difference(since=before)
+    assert len(model.history.changes(limit=1)) == 1
+    past = [query for query in queries if " FROM past_element WHERE " in query]
+    assert len(past) == 2
+    with closing(opened(model.history._path)) as db:
+        for query in past:
+            plan = [row[3] for row in db.execute(f"EXPLAIN QUERY PLAN {query}")]
+            assert "past_element USING INTEGER PRIMARY KEY (rowid>?)" in plan[0], plan

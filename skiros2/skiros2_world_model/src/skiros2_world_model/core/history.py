@@ -355,11 +355,15 @@ def _rows(
         if eid and table not in _OF_ELEMENT:
             continue
         which = f"context=:context AND since<=:last{_OF_ELEMENT[table] if eid else ''}"
-        present = "" if current else " AND since>:first"
-        past = " AND until>:first" + (_IN_ORDER if table == "element" else "")
-        for source, until, more in ((table, "NULL", present), (f"past_{table}", "until", past)):
+        present = which + ("" if current else " AND since>:first")
+        past = f"{which} AND until>:first"
+        if table == "element":
+            past += _IN_ORDER
+            # With `+`, SQLite takes the range of rowids, not the index of all past elements of the context.
+            past = past if eid else f"+{past}"
+        for source, until, where in ((table, "NULL", present), (f"past_{table}", "until", past)):
             columns = f"since, {until}, {_CONTENT[table]}, {key}"
-            for row in db.execute(f"SELECT {columns} FROM {source} WHERE {which}{more}", names):
+            for row in db.execute(f"SELECT {columns} FROM {source} WHERE {where}", names):
                 yield (table, *row[3:]), row[0], row[1], row[2]
 
 

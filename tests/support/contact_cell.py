@@ -33,6 +33,7 @@ class ContactCell:
 
     :ivar forces: the true force on the hand at each step since the last start of a skill (N).
     :ivar pressed: the part of it along the tool axis.
+    :ivar torques: the true torque about that (Nm).
     """
 
     outcome = None
@@ -47,6 +48,7 @@ class ContactCell:
             skills.wmi.update_element_properties(element)
         self.forces: list[float] = []
         self.pressed: list[float] = []
+        self.torques: list[float] = []
         world.motions.add(self)  # type: ignore[arg-type]
 
     def arm(self, wmi: Any, robot: Element, arm: Element) -> CompliantArm:
@@ -58,6 +60,7 @@ class ContactCell:
         wrench = self.robot.arm.wrench()
         self.forces.append(math.hypot(*wrench[:3]))
         self.pressed.append(-wrench[2])
+        self.torques.append(wrench[5])
 
     def place(self, position: Sequence[float]) -> None:
         """Puts the compliant arm at rest with its tool there, pointing down."""
@@ -89,6 +92,7 @@ class ContactCell:
         """Runs a skill to its end, for a time, or until a condition holds after a tick. Returns its task."""
         self.forces.clear()
         self.pressed.clear()
+        self.torques.clear()
         task = self.task = self.skills.command(skill, Arm=self.element, **params)
         for _ in range(round(seconds * TICK_RATE)):
             if task.tick() not in (State.Running, State.Idle) or is_done():
@@ -174,3 +178,27 @@ _BUTTON = f"""<robot name="button"><link name="base">{_INERTIA}</link>
 </collision></link>
 <joint name="spring" type="prismatic"><parent link="base"/><child link="cap"/><axis xyz="0 0 1"/>
 <origin xyz="0 0 {{half}}"/><limit lower="-{{travel}}" upper="0" effort="100" velocity="10"/></joint></robot>"""
+
+
+class Nut:
+    """A nut on the table, which both open fingers turn by a wing each, and which a torque resists.
+
+    :param resistance: Nm.
+    """
+
+    def __init__(self, world: World, position: Sequence[float], resistance: float) -> None:
+        self._physics = world.physics
+        x, y = position
+        self.body = self._physics.load_urdf(_NUT, Pose((x, y, TABLE_TOP), IDENTITY.orientation), fixed=True)
+        self._physics.drive_velocities(self.body, [0], [0.0], [resistance])
+
+    def angle(self) -> float:
+        """How far it was turned (rad)."""
+        return float(self._physics.joint_states(self.body, [0])[0].position)
+
+
+_WING = '<collision><origin xyz="{x} {y} 0.035"/><geometry><box size="0.01 0.04 0.05"/></geometry></collision>'
+_NUT = f"""<robot name="nut"><link name="base">{_INERTIA}</link>
+<link name="nut">{_INERTIA}<collision><origin xyz="0 0 0.005"/><geometry><box size="0.15 0.15 0.01"/></geometry>
+</collision>{_WING.format(x=0.03, y=0.05)}{_WING.format(x=-0.03, y=-0.05)}</link>
+<joint name="thread" type="continuous"><parent link="base"/><child link="nut"/><axis xyz="0 0 1"/></joint></robot>"""

@@ -16,7 +16,7 @@ from skiros2_contact_skills.regulated_motions import follow_surface, press, scre
 from skiros2_motion.core.arm_abilities import Abilities
 from skiros2_motion.core.force_control import ForceGoal
 from skiros2_sim.core.simulated_arm import SimulatedArm
-from support.contact_cell import TABLE_TOP, Button, ContactCell, contact_cell, slopes
+from support.contact_cell import TABLE_TOP, Button, ContactCell, Nut, contact_cell, slopes
 from support.simulated_cell import at, bench, box, with_body
 
 #: Of each joint (Nm).
@@ -138,6 +138,17 @@ def test_screw_turns_until_the_torque(cell: ContactCell) -> None:
     place(cell, FREE, 0.015)
     task = cell.run("Screw", Torque=0.08)
     assert task.state is State.Success, task.why
+
+
+@pytest.mark.parametrize(("torque", "most"), [pytest.param(0.5, 0.75, marks=pytest.mark.long), (1.0, 1.5)])
+def test_screw_that_stops_at_once_gets_at_most_half_more_than_its_torque(torque: float, most: float) -> None:
+    with contact_cell(bench(), screw) as cell:
+        nut = Nut(cell.world, BUTTON, resistance=20.0)
+        place(cell, BUTTON, 0.03)
+        task = cell.run("Screw", Torque=torque, ContactStiffness=1e5)
+        assert task.state is State.Success, task.why
+        assert torque < max(map(abs, cell.torques)) < most
+        assert abs(nut.angle()) < 0.02
 
 
 def test_screw_that_turns_freely_fails(cell: ContactCell) -> None:

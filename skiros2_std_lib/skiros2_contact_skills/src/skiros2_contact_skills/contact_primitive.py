@@ -332,11 +332,11 @@ class ContactPrimitive(PrimitiveBase):
         pairs = zip(self._axes[:3], map(abs, way), strict=True)
         return min([self.limit, *(limit / part for limit, part in pairs if limit and part > limit / self.limit)])
 
-    def set_stiffness(self, along: float) -> None:
-        """Sets the stiffness of the parameters, and that along the tool axis (N/m)."""
+    def set_stiffness(self, along: float, turning: float | None = None) -> None:
+        """Sets the stiffness of the parameters, and that along (N/m) and about (Nm/rad) the tool axis."""
         self._along = along
         across, about = self.value("Stiffness"), self.value("RotationalStiffness")
-        self.arm.set_stiffness((across, across, along), (about, about, max(about, 30.0)))
+        self.arm.set_stiffness((across, across, along), (about, about, turning or max(about, 30.0)))
 
 
 def axis_of(state: ArmState) -> Vector:

@@ -30,10 +30,12 @@ class RegulatedMotion(ContactPrimitive):
     axes of the tool. The driver regulates, or else the ticks."""
 
     damping = (2.0, 2.0, 1.0, 2.0, 2.0, 2.0)
+    #: Stiffness about the tool axis (Nm/rad); None for that of the parameters, at least 30.
+    turning: float | None = None
 
     def begin(self, state: ArmState) -> None:
         self._check_rate()
-        self.set_stiffness(_STIFFNESS)
+        self.set_stiffness(_STIFFNESS, self.turning)
         self._tip = IDENTITY.position
         if "Part" in self.params:
             part, feature = self.optional_element("Part"), self.optional_element("Feature")

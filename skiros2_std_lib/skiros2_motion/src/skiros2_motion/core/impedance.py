@@ -11,6 +11,9 @@ A joint that is nearer to a limit than LIMIT_MARGIN is repelled from it in the n
 the square of the depth: the elbow gives way, and the tool does not feel it. (Khatib, Real-Time Obstacle Avoidance for
 Manipulators and Mobile Robots, 1986.) An arm without a nullspace, as one with six joints, cannot give way.
 
+D does not depend on the arm's inertia. Measured against D = 2 Q z sqrt(K0) Q', with the inertia Q Q' and K = Q K0 Q'
+(double diagonalisation; Albu-Schaeffer et al., 2003): that was not better, see docs/contact.md.
+
 In directions without stiffness D is FREE_DAMPING: the arm stops after a push. With a stiffness of 0 in all directions
 the arm is guided by hand: reference and posture follow it, so that it stays where it was left when it gets stiff again.
 

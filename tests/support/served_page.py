@@ -52,6 +52,8 @@ async def fill(gateway: Any) -> None:
     await gateway.put("order-4", work_master="place", parameters={"Tray": "Tray-1"})
     gateway.cell.run("order-4")
     await gateway.put("order-5", work_master="place", parameters={"Tray": "Tray-1"}, priority=3)
+    await gateway.put("order-6", work_master="place", parameters={"Tray": "Tray-1"}, description="Refill the shelf")
+    await gateway.put("order-7", work_master="place", parameters={"Tray": "Tray-1"}, description="Clear the shelf")
     gateway.cell.document.apply(Connection(TASK_MANAGER, "/tm", False, gateway.now, "It has ended with status 1."))
     lost = {"kind": "connection", "source": "world model", "text": "the connection is lost", "since": gateway.now - 300}
     gateway.service.alarms.listed({"connection/world model@1": lost})

@@ -108,7 +108,7 @@ def test_job_is_found_and_opened(open_page: Any) -> None:
     page = open_page("view")
     page.click("#all-jobs")
     rows = page.locator("dialog.jobs .job-row")
-    expect(rows).to_have_count(5)
+    expect(rows).to_have_count(7)
     page.select_option("#job-filter", "failed")
     expect(rows).to_have_count(1)
     page.fill("#find-job", "order-1")
@@ -129,11 +129,66 @@ def test_figures_of_a_period_are_shown_and_saved(open_page: Any) -> None:
     figures = page.locator("dialog.figures-view")
     expect(figures.locator("section", has_text="Skills").locator("tbody tr")).to_contain_text("pick")
     expect(figures.locator("section", has_text="Robots")).to_contain_text("80.0 %")  # one of five tasks has failed
+    expect(figures.locator(".chart polyline")).to_have_count(1)
     page.select_option("#figures-period", "0")
+    expect(figures.locator(".bars span[title$='1 succeeded, 1 failed']")).to_have_count(1)
     expect(figures.locator("section", has_text="frequent")).to_contain_text("Product-2 has slipped")
     with page.expect_download() as saved:
         page.click("[aria-label='Skills as CSV']")
     assert saved.value.path().read_text().splitlines() == ["robot,skill,runs,failures,mean_s", "/arm,pick,5,1,12.5"]
+
+
+def test_queued_jobs_are_moved_by_keys_buttons_and_the_mouse(open_page: Any) -> None:
+    expect, page = playwright.expect, open_page("operate")
+    queue = page.locator("[data-panel=cell] .card[draggable=true] .title2")
+    first, refill, clear = "place: Tray-1", "Refill the shelf", "Clear the shelf"
+    expect(queue).to_have_text([first, refill, clear])
+    page.locator(".card", has_text=clear).locator("[data-action=earlier]").click()
+    expect(queue).to_have_text([first, clear, refill])
+    page.locator(".card", has_text=refill).focus()
+    page.keyboard.press("Alt+ArrowUp")
+    expect(queue).to_have_text([first, refill, clear])
+    page.keyboard.press("Alt+ArrowUp")  # the focus has stayed at the job
+    expect(queue).to_have_text([refill, first, clear])
+    page.locator(".card", has_text=clear).drag_to(
+        page.locator(".card", has_text=refill), target_position={"x": 9, "y": 2}
+    )
+    expect(queue).to_have_text([clear, refill, first])
+    expect(open_page("view").locator("[data-panel=cell] .card .buttons:visible")).to_have_count(0)
+
+
+def test_refusals_of_a_new_job_are_at_their_fields(open_page: Any) -> None:
+    expect, page = playwright.expect, open_page("operate")
+    page.click("#new-job")
+    page.click("dialog.job summary")
+    page.fill("dialog.job [name=priority]", "7")
+    page.fill("dialog.job [name=due]", "2030-01-01T10:00")
+    page.fill("dialog.job [name=earliest_start]", "2031-01-01T10:00")
+    page.evaluate("document.querySelector('[name=Tray]').replaceChildren()")
+    page.click("#start-job")
+    expect(page.locator("[id='problems-parameters.Tray']")).not_to_be_empty()
+    expect(page.locator("[name=Tray]")).to_be_focused()
+    assert page.locator("dialog.job ul.problems li").count() == 0
+    page.evaluate("document.querySelector('[name=Tray]').append(new Option('Tray-1'))")
+    page.select_option("[name=Tray]", "Tray-1")
+    page.click("#start-job")
+    expect(page.locator("#problems-due")).to_contain_text("before the earliest start")
+    page.fill("dialog.job [name=due]", "2032-01-01T10:00")
+    page.click("#start-job")
+    expect(page.locator("dialog.job")).to_have_count(0)
+    expect(page.locator("#new-job")).to_be_focused()
+    jobs = page.evaluate("fetch('/api/jobs?limit=1').then((answer) => answer.json())")["jobs"]
+    assert (jobs[0]["order"]["priority"], jobs[0]["order"]["due"][:4]) == (7, "2032")
+
+
+def test_focus_stays_in_an_open_dialog_beside_stop_and_escape_closes_it(open_page: Any) -> None:
+    page = open_page("operate")
+    page.click("#new-job")
+    for _ in range(20):
+        page.keyboard.press("Tab")
+        assert page.evaluate("document.activeElement.matches('body, #stop-all, dialog *')")
+    page.keyboard.press("Escape")
+    playwright.expect(page.locator("dialog[open]")).to_have_count(0)
 
 
 @pytest.mark.long

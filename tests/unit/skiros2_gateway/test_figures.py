@@ -89,6 +89,19 @@ def test_figures_of_a_period_are_summed(cell: Cell) -> None:
     assert totals_of(found)[ROBOT].succeeded == 2
 
 
+def test_figures_over_time_have_as_many_points_as_fit(cell: Cell) -> None:
+    for number in range(4):
+        cell.run(root(number), seconds=1800.0)
+        cell.run(root(number, SUCCESS, 1), seconds=600.0 * (number + 1))
+        cell.figures.write()
+    found = report(cell.store, 0.0, cell.now)
+    assert found["step"] == 3600.0
+    points = [(each["begin"] / 3600.0, each["runs"], each["mean_s"]) for each in found["durations"]]
+    assert points == [(2, 1, 600.0), (3, 1, 1200.0), (4, 1, 1800.0), (5, 1, 2400.0)]
+    assert {each["begin"] / 3600.0 for each in found["throughput"]} == {2, 3, 4, 5}
+    assert report(cell.store, 0.0, 1000 * 3600.0)["step"] == 17 * 3600.0
+
+
 def test_figures_are_read_by_rest_also_as_csv(in_gateway: Callable[..., None]) -> None:
     async def test(gateway: Any) -> None:
         gateway.now = 7300.0

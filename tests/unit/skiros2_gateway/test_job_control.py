@@ -14,6 +14,7 @@ from skiros2_gateway.core import job_control
 from skiros2_gateway.core.job import ALLOWED, FOLLOWING, Method, State, Substate, read_order
 from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.problems import Rejected
+from skiros2_gateway.core.queue import move
 from support.stand_in_cell import ROBOT
 
 Run = Callable[..., None]
@@ -392,5 +393,58 @@ def test_texts_and_the_queue_of_open_jobs_follow_each_change(in_gateway: Run) ->
         for method in (Method.START, Method.ABORT):
             gateway.control.apply(method, "b", "test")
             check()
+
+    in_gateway(test)
+
+
+def test_moved_jobs_start_in_the_order_shown_also_after_a_restart(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        control = gateway.control
+        for job_id, priority in (("running", 0), ("a", 5), ("b", 0), ("c", 0), ("d", 0)):
+            await gateway.put(job_id, priority=priority)
+
+        def order() -> list[str]:
+            return [job.id for job in gateway.control.open_jobs][1:]
+
+        assert order() == ["a", "b", "c", "d"]
+        for job_id, before, expected in (
+            ("d", "b", "adbc"), ("c", "d", "acdb"), ("b", "d", "acbd"), ("b", "c", "abcd"), ("c", "a", "cabd"),
+            ("b", "c", "bcad"), ("b", "", "cadb"), ("a", "", "cdba"), ("d", "a", "cbda"),
+        ):  # fmt: skip
+            move(control, job_id, before, "test")
+            assert order() == list(expected), f"{job_id} before {before}"
+        await gateway.put("e")
+        assert order() == ["c", "b", "d", "a", "e"]
+        gateway.restart()
+        assert order() == ["c", "b", "d", "a", "e"]
+        started = []
+        for _ in range(6):
+            job = gateway.control.open_jobs[0]
+            started.append(job.id)
+            gateway.cell.run(job.id)
+            gateway.cell.end(job.id, "succeeded")
+        assert started == ["running", "c", "b", "d", "a", "e"]
+
+    in_gateway(test)
+
+
+def test_only_queued_jobs_move_and_none_before_one_that_interrupts(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        control = gateway.control
+        await gateway.put("running")
+        await gateway.put("stored", start=False)
+        for job_id in ("a", "b"):
+            await gateway.put(job_id)
+        for job_id, before in (("running", "a"), ("a", "running"), ("stored", "a"), ("a", "stored")):
+            with pytest.raises(Refused, match="is not in the queue"):
+                move(control, job_id, before, "test")
+        with pytest.raises(UnknownName):
+            move(control, "missing", "a", "test")
+        gateway.cell.interrupt_priority = 1
+        await gateway.put("urgent", priority=1, earliest_start="2100-01-01T00:00:00Z")
+        with pytest.raises(Refused, match="interrupts others"):
+            move(control, "b", "urgent", "test")
+        move(control, "b", "a", "test")
+        assert [job.id for job in control.open_jobs] == ["running", "urgent", "b", "a", "stored"]
 
     in_gateway(test)

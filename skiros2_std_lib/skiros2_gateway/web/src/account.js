@@ -1,8 +1,8 @@
 // The dialog of the user: name, role, open sessions of the page with a way to end each, and the logout.
 
 import { notify, request } from "./cell.js";
+import { openDialog } from "./dialogs.js";
 import { h, moment } from "./dom.js";
-import { openDialog } from "./jobs_dialog.js";
 
 const ROLES = { view: "reads", operate: "reads, and commands jobs and robots", approve: "also answers what agents ask for",
   maintain: "also reads the audit log and ends sessions of others" };

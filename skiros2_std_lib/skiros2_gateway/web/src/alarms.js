@@ -3,6 +3,7 @@
 
 import { title } from "./approvals.js";
 import { notify, request } from "./cell.js";
+import { show } from "./dialogs.js";
 import { h, keyed, localName, moment, setText } from "./dom.js";
 import { jobTitle } from "./job_words.js";
 import { openJob } from "./jobs_dialog.js";
@@ -17,7 +18,7 @@ export class AlarmsView {
 
   constructor(cell) {
     this.cell = cell;
-    this.button = h("button", { class: "small", id: "alarms", onclick: () => this.#open() });
+    this.button = h("button", { class: "small", id: "alarms", onclick: () => show(this.dialog) });
     this.sound = new AlarmSound();
     this.list = h("div", { class: "list" });
     this.all = h("button", { type: "button", class: "small", id: "acknowledge-all", onclick: () => this.#acknowledge() }, "Acknowledge all");
@@ -43,11 +44,6 @@ export class AlarmsView {
     keyed(this.list, alarms, ([id]) => id, ([id]) => this.#make(id), (element, [, alarm]) => this.#show(element, alarm));
   }
 
-  // Not modal: the button Stop stays usable.
-  #open() {
-    if (!this.dialog.open) this.dialog.show();
-  }
-
   #acknowledge(alarms = Object.entries(this.cell.document.alarms).filter(([, alarm]) => !alarm.acknowledged).map(([id]) => id)) {
     return notify(request("/api/alarms/acknowledge", { alarms }));
   }
@@ -65,7 +61,7 @@ export class AlarmsView {
   #source({ kind, source }) {
     const { jobs, approvals } = this.cell.document;
     if (kind === "job" && jobs[source]) return jobTitle(this.cell, jobs[source]);
-    if (kind === "approval" && approvals[source]) return title(approvals[source].what, (text) => this.cell.withNames(text));
+    if (kind === "approval" && approvals[source]) return title(approvals[source], (text) => this.cell.withNames(text));
     return localName(source.replace(/^\//, ""));
   }
 

@@ -1,6 +1,7 @@
 // What agents ask for: a button in the header while requests wait, and the dialog in which a person answers them.
 
 import { notify, request } from "./cell.js";
+import { show } from "./dialogs.js";
 import { duration, h, keyed, setText } from "./dom.js";
 
 export class ApprovalsView {
@@ -9,7 +10,7 @@ export class ApprovalsView {
 
   constructor(cell) {
     this.cell = cell;
-    this.button = h("button", { class: "small asks", id: "approvals", hidden: true, onclick: () => this.#open() });
+    this.button = h("button", { class: "small asks", id: "approvals", hidden: true, onclick: () => show(this.dialog) });
     this.list = h("div", { class: "list" });
     this.note = h("p", { class: "dim" });
     this.dialog = h("dialog", { class: "approvals", "aria-label": "Waiting approvals" }, h("form", { method: "dialog" },
@@ -32,11 +33,6 @@ export class ApprovalsView {
     });
   }
 
-  // Not modal: the button Stop stays usable.
-  #open() {
-    if (!this.dialog.open) this.dialog.show();
-  }
-
   #make(approval) {
     const { what } = approval;
     const parameters = what.values ?? what.parameters;
@@ -57,7 +53,7 @@ export class ApprovalsView {
     const values = (data) => Object.entries(data).map(([key, value]) => `${key} ${this.cell.name(String(value))}`).join(", ");
     element.append(
       // a label may be misleading: the ids are in the tooltip
-      h("header", {}, h("b", { title: what.goal ?? what.skill }, title(what, names)), element.left),
+      h("header", {}, h("b", { title: what.goal ?? what.skill }, title(approval, names)), element.left),
       h("dl", { class: "facts" },
         fact("Agent", approval.user),
         fact("Robots", approval.robots.map((robot) => robot.slice(1)).join(", ")),
@@ -75,8 +71,8 @@ export class ApprovalsView {
 }
 
 // What is asked for; `names` puts the names of elements for their ids.
-export function title(what, names) {
-  if (what.goal) return names(what.goal);
+export function title({ what, title: sentence }, names) {
+  if (what.goal) return names(sentence);
   if (what.skill) return what.implementation ?? what.skill;
   return "Changes of the world model";
 }

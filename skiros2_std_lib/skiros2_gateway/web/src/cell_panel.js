@@ -15,6 +15,7 @@ const JOB_METHODS = {
   Interrupted: ["resume", "stop"], Ended: ["clear"], Aborted: ["clear"],
 };
 const JOB_ORDER = ["Running", "Interrupted", "AllowedToStart", "NotAllowedToStart", "Ended", "Aborted"];
+const MOVES = { earlier: "↑", later: "↓" };
 export const GOALS = "goals"; // the robot of runs that are goals
 
 export class CellPanel {
@@ -92,9 +93,42 @@ export class CellPanel {
     const element = card();
     clickable(element, () => openJob(this.cell, element.item.id));
     const methods = ["start", "pause", "resume", "stop", "cancel", "clear"];
+    element.buttons.append(...Object.entries(MOVES).map(([action, symbol]) =>
+      button(action, () => this.#move(element.item.id, action === "earlier" ? -1 : 1), symbol)));
     element.buttons.append(...methods.map((method) =>
       button(method, () => request(`/api/jobs/${element.item.id}/${method}`, {}))));
+    element.addEventListener("keydown", (event) => {
+      const step = event.altKey && { ArrowUp: -1, ArrowDown: 1 }[event.key];
+      if (!step) return;
+      event.preventDefault();
+      notify(this.#move(element.item.id, step));
+    });
+    element.addEventListener("dragstart", () => (this.dragged = element.item.id));
+    element.addEventListener("dragend", () => (this.dragged = null));
+    element.addEventListener("dragover", (event) => this.dragged && element.draggable && event.preventDefault());
+    element.addEventListener("drop", (event) => {
+      const { top, height } = element.getBoundingClientRect();
+      notify(this.#place(this.dragged, this.#queue.indexOf(element.item.id) + (event.clientY > top + height / 2 ? 1 : 0)));
+    });
     return element;
+  }
+
+  // The ids of the jobs that may change places, in the order of starting.
+  get #queue() {
+    return Object.values(this.cell.document.jobs).filter(isQueued).sort(compareJobs).map(({ id }) => id);
+  }
+
+  #move(id, step) {
+    const index = this.#queue.indexOf(id);
+    return this.#place(id, step < 0 ? index - 1 : index + 2);
+  }
+
+  // Puts a job before the one at an index of the queue. Jobs that are not shown stay behind.
+  async #place(id, index) {
+    const queue = this.#queue;
+    const isLast = index >= queue.length;
+    if (index < 0 || !queue.includes(id) || queue[index] === id || (isLast && this.cell.document.queue.hidden)) return;
+    await request(`/api/jobs/${encodeURIComponent(id)}/move`, { before: isLast ? "" : queue[index] });
   }
 
   #showJob(element, job) {
@@ -109,8 +143,10 @@ export class CellPanel {
     const { sentence, details } = hasFailed(job) ? causeOfJob(response, (text) => this.cell.withLabels(text)) : { sentence: doing, details: doing };
     fill(element, jobRole(job), jobTitle(this.cell, job), jobWord(job), sentence, details);
     const allowed = JOB_METHODS[state];
-    this.#showButtons(element, Object.fromEntries(["start", "pause", "resume", "stop", "cancel", "clear"]
-      .map((method) => [method, allowed.includes(method)])));
+    const queue = isQueued(job) && this.cell.mayCommand ? this.#queue : [job.id];
+    element.draggable = queue.length > 1;
+    const moves = { earlier: queue[0] !== job.id, later: queue.at(-1) !== job.id };
+    this.#showButtons(element, { ...moves, ...Object.fromEntries(allowed.map((method) => [method, true])) });
   }
 
   #makeRun() {
@@ -171,8 +207,12 @@ function compareJobs(a, b) {
   const part = ({ state }) => Math.floor(JOB_ORDER.indexOf(state) / 2);
   if (part(a) !== part(b)) return part(a) - part(b);
   if (part(a) === 2) return (b.response.ended ?? 0) - (a.response.ended ?? 0);
-  return (b.order.priority ?? 0) - (a.order.priority ?? 0) || a.sequence - b.sequence;
+  if (a.state !== b.state) return JOB_ORDER.indexOf(a.state) - JOB_ORDER.indexOf(b.state);
+  const index = a.rank.findIndex((each, i) => each !== b.rank[i]);
+  return index < 0 ? a.rank.length - b.rank.length : index < b.rank.length ? a.rank[index] - b.rank[index] : 1;
 }
+
+const isQueued = ({ state, substate }) => state === "AllowedToStart" && substate !== "Loaded";
 
 function card() {
   const element = h("div", { class: "card" });
@@ -196,14 +236,14 @@ function fill(element, role, title, word, detail, whole = detail) {
   element.chip.className = `chip ${role}`;
 }
 
-export function button(action, command) {
+export function button(action, command, symbol = "") {
   const label = action[0].toUpperCase() + action.slice(1).replaceAll("_", " ");
   const onclick = (event) => {
     event.stopPropagation();
     event.target.disabled = true;
     notify(command()).finally(() => (event.target.disabled = false));
   };
-  return h("button", { class: `small ${action}`, "data-action": action, onclick }, label);
+  return h("button", { class: `small ${action}`, "data-action": action, onclick, ...(symbol && { "aria-label": label, title: label }) }, symbol || label);
 }
 
 // Shows a text while a list is empty.

@@ -36,7 +36,7 @@ export function keyed(parent, items, key, make, update) {
     if (!element) known.set(id, (element = make(item)));
     update(element, item);
     if (element === next) next = next.nextSibling;
-    else parent.insertBefore(element, next);
+    else move(parent, element, next);
   }
   for (const [id, element] of known) {
     if (!wanted.has(id)) {
@@ -44,6 +44,13 @@ export function keyed(parent, items, key, make, update) {
       known.delete(id);
     }
   }
+}
+
+// Puts an element before another one; the focus stays where it is.
+function move(parent, element, next) {
+  const focused = element.contains(document.activeElement) ? /** @type {HTMLElement} */ (document.activeElement) : null;
+  parent.insertBefore(element, next);
+  if (focused !== document.activeElement) focused?.focus({ preventScroll: true });
 }
 
 // A duration (s): "0.42 s", "12.3 s", "3:05", "1:02:03".

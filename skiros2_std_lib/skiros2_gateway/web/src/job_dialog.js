@@ -1,8 +1,9 @@
-// The dialog that starts a job: a work master with its parameters, or a goal.
+// The dialog that makes a job: a work master with its parameters, or a goal; when it starts, how urgent it is, and by whom.
 
 import { causeOfNoPlan } from "./causes.js";
 import { notify, request } from "./cell.js";
-import { duration, h, notice } from "./dom.js";
+import { show as showDialog } from "./dialogs.js";
+import { duration, h, localName, notice, setText } from "./dom.js";
 import { GoalEditor } from "./goal_editor.js";
 
 const OWN_GOAL = "";
@@ -17,14 +18,23 @@ export async function openJobDialog(cell) {
     masters.map((master) => h("option", { value: master.id }, master.description || master.id.replaceAll("_", " "))),
     h("option", { value: OWN_GOAL }, "A goal…"));
   const fields = h("div", { class: "fields" });
+  const robots = (cell.document.cell.robots ?? []).map(({ name }) =>
+    h("label", { class: "check" }, h("input", { type: "checkbox", name: "robots", value: name }), localName(name.slice(1))));
+  const when = h("details", { class: "when" }, h("summary", {}, "Priority, times, robots"), h("div", { class: "fields columns" },
+    entry("priority", "Priority", h("input", { type: "number", step: 1, min: -32768, max: 32767, placeholder: "0" }), "the highest first"),
+    entry("due", "Due", h("input", { type: "datetime-local" }), "of one priority, the earliest first"),
+    entry("earliest_start", "Earliest start", h("input", { type: "datetime-local" })),
+    entry("description", "Description", h("input", { maxlength: 1000 }))),
+    h("fieldset", { "data-where": "robots" }, h("legend", {}, "Robots"), robots, h("small", {}, "none: any robot"), problemsOf("robots")),
+    h("label", { class: "check" }, h("input", { type: "checkbox", name: "start", checked: true }), "May start at once"));
   const problems = h("ul", { class: "problems" });
   const preview = h("div", { class: "preview" });
   const form = h("form", { method: "dialog" },
-    h("h2", {}, "New job"), h("label", {}, "Job", choice), fields, preview, problems,
+    h("h2", {}, "New job"), entry("work_master", "Job", choice), fields, when, preview, problems,
     h("footer", {}, h("button", { type: "button", onclick: () => dialog.close() }, "Cancel"),
       h("button", { type: "button", id: "make-plan", onclick: plan }, "Plan"),
       h("button", { type: "submit", class: "primary", id: "start-job" }, "Start")));
-  const dialog = h("dialog", { class: "job", onclose: () => close() }, form);
+  const dialog = h("dialog", { class: "job", "aria-label": "New job", onclose: () => close() }, form);
 
   // Elements may arrive, or change, while the dialog is open.
   const refresh = ({ detail: patch }) => {
@@ -45,7 +55,7 @@ export async function openJobDialog(cell) {
     dialog.classList.toggle("wide", !master);
     showButtons();
     preview.replaceChildren();
-    problems.replaceChildren();
+    showProblems([]);
   }
 
   function showButtons() {
@@ -53,15 +63,14 @@ export async function openJobDialog(cell) {
   }
 
   function order() {
-    if (editor) return { goal: editor.goal };
-    const entries = [...fields.querySelectorAll("[name]")].filter((input) => input.value !== "").map((input) => [input.name, valueOf(input)]);
-    const values = Object.fromEntries(entries);
-    return { work_master: master.id, parameters: values };
+    const found = editor ? { goal: editor.goal } : { work_master: master.id, parameters: valuesIn(fields) };
+    const chosen = robots.map((label) => label.firstChild).filter((input) => input.checked).map((input) => input.value);
+    return { ...found, ...valuesIn(when), robots: chosen };
   }
 
   async function plan() {
     preview.replaceChildren(h("p", { class: "dim" }, "Planning…"));
-    problems.replaceChildren();
+    showProblems([]);
     const goal = editor ? editor.goal : filled(master, order().parameters);
     try {
       const answer = await request("/api/plan", { goal }, "POST", PLAN_LIMIT);
@@ -78,9 +87,25 @@ export async function openJobDialog(cell) {
     }
   }
 
-  function show(error) {
-    const found = error.problems?.length ? error.problems : [{ message: error.message }];
-    problems.replaceChildren(...found.map((each) => h("li", {}, each.where ? h("b", {}, `${each.where}: `) : "", each.message)));
+  const show = (error) => showProblems(error.problems?.length ? error.problems : [{ message: error.message }]);
+
+  // Each problem at its field; those of no field below.
+  function showProblems(found) {
+    for (const note of form.querySelectorAll(".problems[id]")) setText(note, "");
+    for (const input of form.querySelectorAll("[aria-invalid]")) input.removeAttribute("aria-invalid");
+    const others = [];
+    for (const { where = "", message } of found) {
+      const field = form.querySelector(`[data-where="${CSS.escape(where)}"], [data-where="${CSS.escape(where.replace(/\.\d+$/, ""))}"]`);
+      if (!field) {
+        others.push(h("li", {}, where ? h("b", {}, `${where}: `) : "", message));
+        continue;
+      }
+      field.closest("details")?.setAttribute("open", "");
+      field.querySelector("input, select")?.setAttribute("aria-invalid", "true");
+      setText(field.querySelector(".problems"), message);
+    }
+    problems.replaceChildren(...others);
+    form.querySelector("[aria-invalid]")?.focus();
   }
 
   form.addEventListener("submit", async (event) => {
@@ -88,16 +113,15 @@ export async function openJobDialog(cell) {
     try {
       await request("/api/jobs", { id: `${cell.user}-${crypto.getRandomValues(new Uint32Array(2)).join("")}`, ...order() });
       dialog.close();
-      notice("The job is in the queue.", "success");
+      notice(form.elements.start.checked ? "The job is in the queue." : "The job is stored.", "success");
     } catch (error) {
       show(error);
     }
   });
   choice.addEventListener("change", showFields);
   showFields();
-  form.addEventListener("keydown", (event) => event.key === "Escape" && dialog.close());
   document.body.append(dialog);
-  dialog.show(); // not modal: the button Stop stays usable
+  showDialog(dialog);
   choice.focus();
 }
 
@@ -115,12 +139,32 @@ function field(cell, parameter) {
   } else if (choices) input = h("select", {}, choices.map((value) => h("option", { value }, String(value))));
   else {
     const type = parameter.type === "number" || parameter.type === "integer" ? "number" : "text";
-    input = h("input", { type, min: parameter.minimum, max: parameter.maximum, step: type === "number" ? "any" : null });
+    input = h("input", { type, min: parameter.minimum, max: parameter.maximum, step: type === "text" ? null : parameter.type === "integer" ? 1 : "any" });
   }
-  input.name = parameter.id;
   input.dataset.type = parameter.type;
   if (parameter.default != null) input.value = parameter.default;
-  return h("label", {}, parameter.unit ? `${parameter.id} (${parameter.unit})` : parameter.id, input, h("small", {}, parameter.description ?? ""));
+  const { id, unit, description } = parameter;
+  return entry(`parameters.${id}`, unit ? `${id} (${unit})` : id, input, [description, limits(parameter)].filter(Boolean).join("; "));
+}
+
+const problemsOf = (where) => h("small", { class: "problems", id: `problems-${where}`, role: "alert" });
+
+// A field with its label, a note, and room for what is wrong with it. `where` is the path of the order's field.
+function entry(where, label, input, note = "") {
+  input.name = where.replace("parameters.", "");
+  input.setAttribute("aria-describedby", `problems-${where}`);
+  return h("label", { "data-where": where }, label, input, note && h("small", {}, note), problemsOf(where));
+}
+
+function limits({ minimum, maximum }) {
+  if (minimum != null && maximum != null) return `${minimum} to ${maximum}`;
+  return minimum != null ? `at least ${minimum}` : maximum != null ? `at most ${maximum}` : "";
+}
+
+// The values of the fields that have one, by name.
+function valuesIn(element) {
+  const inputs = [...element.querySelectorAll("[name]")].filter((input) => input.value !== "");
+  return Object.fromEntries(inputs.map((input) => [input.name, valueOf(input)]));
 }
 
 // Elements of a class; then other physical ones, for the page does not know the subclasses. The gateway checks the choice.
@@ -133,8 +177,10 @@ function elementOptions(cell, type) {
 }
 
 function valueOf(input) {
-  if (input.dataset.type === "number" || input.dataset.type === "integer") return Number(input.value);
-  return input.dataset.type === "boolean" ? input.value === "true" : input.value;
+  if (input.type === "checkbox") return input.checked;
+  if (input.type === "datetime-local") return new Date(input.value).toISOString();
+  if (input.type === "number") return Number(input.value);
+  return input.dataset.type === "boolean" ? input.value === "true" : ["number", "integer"].includes(input.dataset.type) ? Number(input.value) : input.value;
 }
 
 // The goal of a work master with its values, as the gateway fills it.

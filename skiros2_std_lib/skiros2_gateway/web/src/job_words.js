@@ -9,8 +9,11 @@ export const hasFailed = ({ state, response }) => response.outcome !== "cancelle
 export function jobTitle(cell, { id, order, goal }) {
   if (order.description) return order.description;
   const values = Object.values(order.parameters).map((value) => cell.label(value)).join(", ");
-  return order.work_master ? `${order.work_master.replaceAll("_", " ")}: ${values}` : (cell.document.goals[id]?.title ?? cell.withLabels(goal));
+  return order.work_master ? `${order.work_master.replaceAll("_", " ")}: ${values}` : goalTitle(cell, id, goal);
 }
+
+// The goal of a job as a sentence; of a job that the page does not have, as text.
+export const goalTitle = (cell, id, goal) => cell.document.goals[id]?.title ?? cell.withLabels(cell.document.jobs[id]?.title ?? goal);
 
 export const jobRole = (job) => (hasFailed(job) ? "failure" : job.response.outcome === "cancelled" ? "idle" : (ROLES[job.state] ?? "idle"));
 

@@ -1,8 +1,9 @@
 // The list of all jobs with search and filter, and the details of one.
 
 import { notify, request } from "./cell.js";
+import { openDialog } from "./dialogs.js";
 import { duration, h, localName, moment, setText } from "./dom.js";
-import { jobRole, jobTitle, jobWord } from "./job_words.js";
+import { goalTitle, jobRole, jobTitle, jobWord } from "./job_words.js";
 
 const PAGE = 50;
 // How long typing rests before the list is read again (ms).
@@ -13,19 +14,6 @@ const FILTERS = { all: ["All jobs", ""], queued: ["Queued", "&state=AllowedToSta
   cancelled: ["Cancelled", "&outcome=cancelled"] };
 const DAY = 86400; // s
 const PERIODS = { 1: "Last day", 7: "Last 7 days", 30: "Last 30 days", 0: "Any time" };
-
-// A dialog that is removed when it is closed.
-export function openDialog(name, label, ...content) {
-  const close = () => element.remove();
-  const element = h("dialog", { class: `approvals ${name}`, "aria-label": label }, h("form", { method: "dialog" }, ...content,
-    h("div", { class: "end" }, h("button", { id: `close-${name}` }, "Close"))));
-  element.addEventListener("close", close);
-  element.addEventListener("keydown", (event) => event.key === "Escape" && close());
-  document.querySelector(`dialog.${name}`)?.remove();
-  document.body.append(element);
-  element.show(); // not modal: the button Stop stays usable
-  return element;
-}
 
 // Jobs of the list, also cleared ones, a page at a time.
 export function openJobs(cell) {
@@ -89,7 +77,7 @@ export async function openJob(cell, id) {
     response.message && h("p", { class: "reason" }, cell.withLabels(response.message)),
     facts([["Id", job.id], ["Work master", order.work_master.replaceAll("_", " ")],
       ...Object.entries(order.parameters).map(([name, value]) => [name, cell.label(value)]),
-      ["Goal", cell.withLabels(job.goal)], ["Priority", order.priority || ""], ["Due", order.due && moment(Date.parse(order.due) / 1000, cell.now)],
+      ["Goal", h("span", { title: job.goal }, goalTitle(cell, job.id, job.goal))], ["Priority", order.priority || ""], ["Due", order.due && moment(Date.parse(order.due) / 1000, cell.now)],
       ["Robots", response.robots.map((robot) => robot.slice(1)).join(", ")], ["Created by", job.author], ["Created", time(job.created)],
       ["Started", time(response.started)], ["Ended", time(response.ended)],
       ["Took", response.started && response.ended ? duration(response.ended - response.started) : ""],

@@ -4,6 +4,7 @@ import { openAccount } from "./account.js";
 import { AlarmsView } from "./alarms.js";
 import { ApprovalsView } from "./approvals.js";
 import { Cell, notify, request } from "./cell.js";
+import { makeColumns } from "./columns.js";
 import { commandRobots } from "./commands.js";
 import { CellPanel } from "./cell_panel.js";
 import { LogView, NodeDetails, RunBar } from "./details.js";
@@ -157,6 +158,8 @@ main.addEventListener("show-panel", (/** @type {CustomEvent} */ { detail: name }
   choose("phone", name);
   choose("centre", name);
 });
+
+makeColumns(main);
 
 // -- the login --------------------------------------------------------------------------------------------------------
 

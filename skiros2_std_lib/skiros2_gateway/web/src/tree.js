@@ -99,7 +99,7 @@ export class TreeView {
 
   #matches({ shape, rows }, index, text) {
     const state = this.styles().node[rows[index][0]]?.word ?? "";
-    return `${shape.names[index]} ${shape.types[index]} ${state} ${rows[index][4]}`.toLowerCase().includes(text);
+    return `${this.#name(shape, index)} ${shape.types[index]} ${state} ${rows[index][4]}`.toLowerCase().includes(text);
   }
 
   #scrollToRunning(tree) {
@@ -150,12 +150,16 @@ export class TreeView {
     setText(row.twist, isParent ? (isOpen ? "▾" : "▸") : "");
     setText(row.symbol, style.symbol);
     row.symbol.title = style.word;
-    setText(row.name, shape.names[index]);
+    setText(row.name, this.#name(shape, index));
     const type = index && !isGroup && !shape.types[index].startsWith(":") ? localName(shape.types[index]) : "";
     setText(row.type, plain(type) === plain(shape.names[index]) ? "" : type);
-    setText(row.processor, isGroup || shape.names[index].includes(shape.processors[index]) ? "" : shape.processors[index]);
     setText(row.time, began >= 0 ? duration((ended >= 0 ? ended : Math.max(this.run.elapsed, began)) - began) : "");
     setText(row.message, state === SUCCESS && !message ? "" : message);
+  }
+
+  // The name of a node for people: a task's number says nothing. The details have type and processor.
+  #name(shape, index) {
+    return index || this.run.summary?.name === undefined ? shape.names[index] : this.run.summary.name;
   }
 
   #click(event) {
@@ -198,8 +202,8 @@ const plain = (name) => name.replaceAll("_", "").toLowerCase();
 function makeRow() {
   const part = (name) => h("span", { class: name });
   const row = { twist: part("twist"), symbol: part("symbol"), name: part("name"), type: part("type"),
-    processor: part("processor"), message: part("message"), time: part("time") };
-  const title = h("span", { class: "title" }, row.twist, row.symbol, row.name, row.processor, row.type);
+    message: part("message"), time: part("time") };
+  const title = h("span", { class: "title" }, row.twist, row.symbol, row.name, row.type);
   row.element = h("div", { class: "row", role: "treeitem" }, title, row.message, row.time);
   return row;
 }

@@ -110,6 +110,10 @@ class CellDocument:
         """Sets what the counters of robots begin with, by name. To be called before the first patch."""
         self._earlier = earlier
 
+    def sentence(self, goal: str) -> str:
+        """Returns a goal for people."""
+        return goal_sentence(" ".join(goal.split()), self._name_of) or "goal"
+
     def subscribe(self, kind: type[C], handler: Callable[[C], None]) -> None:
         """Has `handler` called with each change of a kind, once the document has it."""
         self._handlers[kind].append(handler)
@@ -191,7 +195,7 @@ class CellDocument:
                 data = goal_after(known, patch.message, patch.stamp)
         except (ValueError, TypeError, LookupError) as error:
             raise WrongValue(f"the message of the task manager cannot be read: {error}") from error
-        data["title"] = goal_sentence(" ".join(data["goal"].split()), self._name_of) or "goal"
+        data["title"] = self.sentence(data["goal"])
         self.goals.pop(patch.goal_id, None)
         self.goals[patch.goal_id] = data
         recorded = self.goal_runs.update(patch.goal_id, data["title"], data, patch.stamp)

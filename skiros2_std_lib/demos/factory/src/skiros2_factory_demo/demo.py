@@ -1,4 +1,4 @@
-"""Runs the factory demo: a simulated cell, the gateway, and a MES that sends ten jobs in three ways."""
+"""Runs the factory demo: a simulated cell, the gateway, a MES with jobs by three ways, an agent that asks for one."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ from skiros2_common.core.processes import free_port
 from skiros2_demo.demo import ROBOT, System, add_options, run_demo, wait_until_ready
 from skiros2_demo.run_check import ACHIEVE, WorldState
 from skiros2_demo.simulation import Simulation
+from skiros2_factory_demo.agent import ask_for_job
 from skiros2_factory_demo.mes import Answer, Channel, MqttChannel, OpcuaChannel, Order, RestChannel
-from skiros2_factory_demo.page_picture import take_picture
+from skiros2_factory_demo.page_picture import page_pictures
 from skiros2_gateway.core.users import read_users
 from skiros2_gateway.opcua.model import NAMESPACE
 from skiros2_world_model.core.scene import ROOT
@@ -34,11 +35,18 @@ from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 REST, OPCUA, MQTT = "REST", "OPC UA", "MQTT"
 A, B = "skiros:Product-14", "skiros:Product-15"
 TRAY_A, TRAY_C, TRAY_B, TRAY_D = (f"demo:Tray-{number}" for number in range(10, 14))
+ALARM, AGENT_JOB = "order-11", "agent-1"
 CHARGER, WORKSTATION_1, WORKSTATION_2 = "skiros:Location-5", "demo:Workstation-6", "demo:Workstation-7"
 
 
+_BOTH = f"(and (skiros:at cora:Robot-1 {WORKSTATION_1}) (skiros:at cora:Robot-1 {WORKSTATION_2}))"
+
+
 def jobs() -> list[tuple[str, Order]]:
-    """Returns ten jobs with the way each is sent. The first starts at once, the others in the order of priorities."""
+    """Returns jobs with the way each is sent. The first starts at once, the others in the order of priorities.
+
+    The last one cannot be done, which raises an alarm.
+    """
     soon = (datetime.now(UTC) + timedelta(minutes=2)).isoformat()
     return [
         (REST, _put("order-01", A, TRAY_B)),
@@ -51,6 +59,7 @@ def jobs() -> list[tuple[str, Order]]:
         (OPCUA, _put("order-08", A, TRAY_B, priority=-1)),
         (MQTT, _park("order-09", CHARGER, priority=9)),
         (REST, {**_park("order-10", WORKSTATION_1), "due": soon}),
+        (REST, {"id": ALARM, "goal": _BOTH, "description": "Drive to both workstations at once", "priority": -5}),
     ]
 
 
@@ -122,7 +131,7 @@ class FactoryDemo:
         masters = Path(rospkg.RosPack().get_path("skiros2_factory_demo")) / "config/demo_work_masters.yaml"
         settings = {
             "folder": str(self._gateway_folder), "http_port": 0, "opcua_port": 0, "mqtt": f"127.0.0.1:{broker}",
-            "work_masters": str(masters),
+            "work_masters": str(masters), "agents": "ask",
         }  # fmt: skip
         options = self._options
         simulated = [f"seed:={options.seed}", f"rate:={options.rate}", f"sim_gui:={str(options.gui).lower()}"]
@@ -147,7 +156,7 @@ class FactoryDemo:
         channels: dict[str, Channel] = {REST: rest, OPCUA: opcua, MQTT: mqtt}
         picture = asyncio.create_task(self._take_picture(address))
         try:
-            self._title("The MES sends ten jobs")
+            self._title(f"The MES sends {len(orders)} jobs")
             for way, order in orders:
                 await channels[way].send(order)
                 self._say(f"  {order['id']}  by {way:<6}  priority {order.get('priority', 0):>2}  {self._text(order)}")
@@ -162,23 +171,63 @@ class FactoryDemo:
             await picture
             self._print_responses(orders, answers)
             await rest.send(orders[0][1])  # the answer of the first time got lost, for example
-            return answers, [*refused, *self._check(orders, answers, rest)]
+            findings = [*refused, *self._check(orders, answers, rest)]
+            findings += await self._involve_people(address, rest)
+            return {**answers, AGENT_JOB: await rest.response(AGENT_JOB)}, findings
         finally:
             picture.cancel()
             for channel in channels.values():
                 await channel.close()
 
     async def _take_picture(self, address: str) -> None:
-        """Saves a picture of the page while a robot carries something, beside the bag; reports why it cannot."""
-        path = Path(self._options.folder) / "page.png"
-        path.unlink(missing_ok=True)
+        """Saves a picture of the page while a robot carries something, beside the bag."""
+        await self._is_carrying.wait()
+        await self._take_pictures(address, {"page": ()})
+
+    async def _take_pictures(self, address: str, wanted: dict[str, tuple[str, ...]]) -> None:
+        """Saves pictures of the page beside the bag; reports why it cannot.
+
+        :param wanted: what to click before each, by the name of the file; nothing: a robot that picks.
+        """
+        paths = {Path(self._options.folder) / f"{name}.png": clicks for name, clicks in wanted.items()}
+        for path in paths:
+            path.unlink(missing_ok=True)
         if not self._options.pictures:
             return
         try:
-            await take_picture(address, self._token("view"), path, self._is_carrying)
-            self._say(f"  {self._elapsed():>7}  picture of the page: {path}")
+            async with page_pictures(address, self._token("view")) as pictures:
+                for path, clicks in paths.items():
+                    await (pictures.save(path, *clicks) if clicks else pictures.save_pick(path))
+                    self._say(f"  {self._elapsed():>7}  picture of the page: {path}")
         except Refused as error:
             self._say(f"  no picture of the page: {error}")
+
+    async def _involve_people(self, address: str, rest: RestChannel) -> list[Finding]:
+        """Has an agent ask for a job, and a person approve it and acknowledge the alarm of the job that has failed."""
+        self._title("What needs a person")
+        order = {"id": AGENT_JOB, "work_master": "park", "parameters": {"Place": CHARGER}}
+        reason = "No order is left, and the battery is low."
+        asking = asyncio.create_task(ask_for_job(address, self._token("agent"), order, reason))
+        approve = RestChannel(address, self._token("approve"))
+        while not (waiting := (await asyncio.to_thread(rest.request, "GET", "/api/approvals"))["approvals"]):
+            if asking.done():
+                await asking
+            await asyncio.sleep(0.2)
+        self._say(f"  an agent asks to {self._text(order)}: {reason}")
+        alarms = [alarm for alarm in rest.request("GET", "/api/alarms")["alarms"] if alarm["source"] == ALARM]
+        for alarm in alarms:
+            self._say(f"  an alarm: {alarm['source']}: {alarm['text'].partition(chr(10))[0]}")
+        details = ".approval:has-text('Job failed') button:text-is('Details')"
+        clicks = {"page_approval": ("#approvals",), "page_alarms": ("#alarms",), "page_job": ("#alarms", details)}
+        await self._take_pictures(address, clicks)
+        approve.request("POST", f"/api/approvals/{waiting[0]['id']}/approve", {"digest": waiting[0]["digest"]})
+        await asking
+        rest.request("POST", "/api/alarms/acknowledge", {"alarms": [alarm["id"] for alarm in alarms]})
+        outcome = (await rest.response(AGENT_JOB))["outcome"]
+        return [
+            Finding(len(alarms) == 1, f"the job that has failed has raised {len(alarms)} alarm"),
+            Finding(outcome == "succeeded", f"the agent's job has {outcome} after a person approved it"),
+        ]
 
     async def _wait(self, system: System, waiting: list[asyncio.Future[Answer]]) -> None:
         deadline = time.monotonic() + self._options.timeout
@@ -189,7 +238,7 @@ class FactoryDemo:
             await asyncio.wait(waiting, timeout=0.2)
 
     async def _refused(self, channel: Channel) -> list[Finding]:
-        wrong = _put("order-11", "skiros:Product-41", "demo:Tray-12")
+        wrong = _put("order-12", "skiros:Product-41", "demo:Tray-12")
         try:
             await channel.send(wrong)
         except Refused as error:
@@ -203,7 +252,8 @@ class FactoryDemo:
         began = sorted(answers, key=lambda job_id: float(answers[job_id]["started"]))
         counts = rest.request("GET", "/api/state")["counts"]
         return [
-            Finding(len(ended) == len(orders), f"{len(ended)} of {len(orders)} jobs have succeeded"),
+            Finding(len(ended) == len(orders) - 1, f"{len(ended)} of {len(orders)} jobs have succeeded"),
+            Finding(answers[ALARM]["outcome"] == "impossible", f"{ALARM}, which has no plan, has not"),
             Finding(began == [order["id"] for order in wanted], "the jobs have started in the order of priorities"),
             Finding(sum(counts.values()) == len(orders), "an order that is sent twice is one job"),
         ]
@@ -235,7 +285,7 @@ class FactoryDemo:
             return f"{values[0]} to {values[1]}"
         if order.get("work_master") == "park":
             return f"drive to {values[0]}"
-        goal = str(order["goal"])
+        goal = str(order.get("description", order["goal"]))
         for thing in self._world.things.values():
             goal = goal.replace(thing.id, thing.name)
         return goal

@@ -1,10 +1,10 @@
-"""A picture of the gateway's page, taken by Debian's chromium while the jobs run."""
+"""Pictures of the gateway's page, taken by Debian's chromium."""
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import shutil
+from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
@@ -19,44 +19,74 @@ _PICK_TIMEOUT = 20_000.0
 _ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
 
 
-async def take_picture(address: str, token: str, path: Path, is_time: asyncio.Event) -> None:
-    """Waits until it is time, then saves the page with the 3D view and the tree of a robot that picks.
+class PagePictures:
+    """The page in a browser. Its methods raise `Refused` if it does not show what is wanted in time."""
+
+    def __init__(self, page: Any) -> None:
+        self._page = page
+
+    async def save_pick(self, path: Path) -> None:
+        """Saves the page with the 3D view and the tree of a robot that picks, as a PNG file."""
+        with _refused():
+            await self._page.locator('[data-panel="scene"][data-loading="0"] canvas').wait_for()
+            await self._page.locator(".tree .row").first.wait_for()
+            with contextlib.suppress(_error("TimeoutError")):  # the jobs have ended: the last tree is shown
+                picking = self._page.locator(".tree .row.running", has_text="pick").first
+                await picking.wait_for(timeout=_PICK_TIMEOUT)
+            await self._page.screenshot(path=path)
+
+    async def save(self, path: Path, *clicks: str) -> None:
+        """Clicks elements one after the other, each named by a selector, saves the page, and closes its dialogs."""
+        with _refused():
+            for selector in clicks:
+                await self._page.locator(selector).first.click()
+            await self._page.locator("dialog[open]").last.wait_for()
+            await self._page.screenshot(path=path)
+            await self._page.evaluate("document.querySelectorAll('dialog[open]').forEach((each) => each.close())")
+
+
+@contextlib.asynccontextmanager
+async def page_pictures(address: str, token: str) -> AsyncIterator[PagePictures]:
+    """Opens the page.
 
     :param address: of the gateway.
     :param token: of a user with the role view: the browser can command nothing. It is not in an address or an argument
         that others can read.
-    :param path: of the PNG file.
-    :raises Refused: there is no browser, or no page, or it is not shown in time.
+    :raises Refused: there is no browser, or no page.
     """
     try:
-        from playwright.async_api import Error, async_playwright
+        from playwright.async_api import async_playwright
     except ImportError:
         raise Refused("playwright is not installed (requirements/browser.txt)") from None
     program = shutil.which("chromium")
     if program is None:
         raise Refused("chromium is not installed (Debian's package chromium)")
-    try:
-        async with async_playwright() as started:
+    async with async_playwright() as started:
+        with _refused():
             browser = await started.chromium.launch(executable_path=program, args=_ARGUMENTS)
-            await is_time.wait()
-            await _save(browser, address, token, path)
-            await browser.close()
-    except Error as error:
+            context = await browser.new_context(viewport=_SIZE)
+            context.set_default_timeout(_TIMEOUT)
+            await context.request.post(f"{address}/api/session", data={"token": token})  # sets the context's cookie
+            page = await context.new_page()
+            answer = await page.goto(address)
+        if answer is None or not answer.ok:
+            raise Refused(f"{address} has no page: it needs node and npm at the set-up")
+        yield PagePictures(page)
+        await browser.close()
+
+
+@contextlib.contextmanager
+def _refused() -> Any:
+    """Raises errors of the browser as `Refused`."""
+    try:
+        yield
+    except _error("Error") as error:
         raise Refused(str(error).partition("\n")[0]) from error
 
 
-async def _save(browser: Any, address: str, token: str, path: Path) -> None:
-    from playwright.async_api import TimeoutError as NotInTime
+def _error(name: str) -> type[Exception]:
+    """Returns a class of playwright's errors. The demo also runs without playwright."""
+    from playwright import async_api
 
-    context = await browser.new_context(viewport=_SIZE)
-    context.set_default_timeout(_TIMEOUT)
-    await context.request.post(f"{address}/api/session", data={"token": token})  # sets the context's cookie
-    page = await context.new_page()
-    answer = await page.goto(address)
-    if answer is None or not answer.ok:
-        raise Refused(f"{address} has no page: it needs node and npm at the set-up")
-    await page.locator('[data-panel="scene"][data-loading="0"] canvas').wait_for()
-    await page.locator(".tree .row").first.wait_for()
-    with contextlib.suppress(NotInTime):  # the jobs have ended: the last tree is shown
-        await page.locator(".tree .row.running", has_text="pick").first.wait_for(timeout=_PICK_TIMEOUT)
-    await page.screenshot(path=path)
+    found: type[Exception] = getattr(async_api, name)
+    return found

@@ -29,7 +29,10 @@ log = logging.getLogger(__name__)
 PERIOD = 1.0
 _HOUR = 3600.0  # s
 _HAS_FAILED = "outcome NOT IN ('succeeded', 'nothing_to_do', 'cancelled')"
+_HAS_SUCCEEDED = "outcome IN ('succeeded', 'nothing_to_do')"
 _MAX_FAILURES = 20
+#: The most points of a figure over time.
+_MAX_POINTS = 60
 
 
 class Figures:
@@ -133,4 +136,32 @@ def report(store: JobStore, begin: float, end: float) -> dict[str, Any]:
     jobs = [{"outcome": outcome, "jobs": count} for outcome, count in store.count_ended(begin, end, "outcome")]
     found = store.count_ended(begin, end, "json_extract(document, '$.response.message')", _HAS_FAILED)
     failures = [{"message": message, "jobs": count} for message, count in found[:_MAX_FAILURES]]
-    return {"begin": begin, "end": end, "robots": robots, "skills": skills, "jobs": jobs, "failures": failures}
+    tables = {"robots": robots, "skills": skills, "jobs": jobs, "failures": failures}
+    return {"begin": begin, "end": end, **tables, **_over_time(store, begin, end)}
+
+
+def _over_time(store: JobStore, begin: float, end: float) -> dict[str, Any]:
+    """Returns the figures over time: `step` (s) of their points, `throughput` and `durations`."""
+    hours = int(begin // _HOUR), int(-(-end // _HOUR))
+    durations = store.figures_by_hour(*hours, ("runs", "run_seconds"))
+    ended = store.count_ended(begin, end, f"CAST(ended / {_HOUR} AS INTEGER)")
+    first = max(hours[0], min((hour for hour, *_ in (*durations, *ended)), default=hours[1]))
+    step = max(1, -(-(hours[1] - first) // _MAX_POINTS))  # hours
+    key = f"CAST(ended / {step * _HOUR} AS INTEGER)"
+    good, bad = (dict(store.count_ended(begin, end, key, where)) for where in (_HAS_SUCCEEDED, _HAS_FAILED))
+    points = range(first // step, -(-hours[1] // step))
+    sums: defaultdict[tuple[int, str], Counter[str]] = defaultdict(Counter)
+    for hour, kind, name, value in durations:
+        sums[hour // step, name][kind] += value  # type: ignore[assignment]
+    width = step * _HOUR
+    return {
+        "step": width,
+        "throughput": [
+            {"begin": each * width, "succeeded": good.get(each, 0), "failed": bad.get(each, 0)} for each in points
+        ],
+        "durations": [
+            {"begin": point * width, "skill": skill, "runs": round(sums[point, skill]["runs"]),
+             "mean_s": sums[point, skill]["run_seconds"] / sums[point, skill]["runs"]}
+            for point, skill in sorted(sums) if sums[point, skill]["runs"]
+        ],
+    }  # fmt: skip

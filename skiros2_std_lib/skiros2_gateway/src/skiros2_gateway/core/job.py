@@ -156,6 +156,12 @@ def read_order(data: Any) -> Order:
         raise Rejected(problems_of(error)) from None
 
 
+#: A place in the queue: of two places, the smaller one starts first.
+Rank = tuple[float, ...]
+#: The due time of a job without one (s since the epoch).
+_NEVER = 1e12
+
+
 @dataclass
 class Response:
     """The result of a job.
@@ -207,6 +213,7 @@ class Job:
     :param created, changed: s since the epoch.
     :param approved: of an agent's job: the `goal`; `plan`, the steps that are executed instead of a new plan; the
         `digest`, and `by`, who has approved them; None for others.
+    :param place: its place in the queue, if a person has moved it; see `rank`.
     :param wanted: the method that the cell is carrying out: Pause, Stop or Abort; "" for none.
     :param cleared: whether it was removed from the list by Cancel or Clear. Its response is kept.
     """
@@ -223,6 +230,7 @@ class Job:
     author: str = ""
     robots: tuple[str, ...] = ()
     approved: dict[str, Any] | None = None
+    place: Rank | None = None
     response: Response = field(default_factory=Response)
 
     @property
@@ -240,10 +248,10 @@ class Job:
         return self.order.earliest_start.timestamp() if self.order.earliest_start else 0.0
 
     @property
-    def rank(self) -> tuple[int, float, int]:
+    def rank(self) -> Rank:
         """The place in the queue: the smallest starts first."""
-        due = self.order.due.timestamp() if self.order.due else float("inf")
-        return (-self.order.priority, due, self.sequence)
+        due = self.order.due.timestamp() if self.order.due else _NEVER
+        return self.place or (-self.order.priority, due, self.sequence)
 
     def check(self, method: Method) -> None:
         """
@@ -317,6 +325,8 @@ class Job:
             "author": self.author,
             "robots": list(self.robots),
             "approved": self.approved,
+            "rank": list(self.rank),
+            "is_moved": self.place is not None,
             "response": asdict(self.response),
         }
 
@@ -336,5 +346,6 @@ class Job:
             author=data["author"],
             robots=tuple(data["robots"]),
             approved=data.get("approved"),
+            place=tuple(data["rank"]) if data.get("is_moved") else None,
             response=Response(**data["response"]),
         )

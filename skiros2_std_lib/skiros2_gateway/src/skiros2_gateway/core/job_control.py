@@ -165,6 +165,7 @@ class JobControl:
         check_deadline()
         job, now = self.get(order.id), self._clock()  # it may have started meanwhile
         job.check(Method.UPDATE)
+        job.place = None
         job.approved = None  # it is the order of whoever has changed it
         job.order, job.goal, job.robots, job.changed = order, goal, self.masters.robots_of(order), now
         job.substate = job.substate_before_start(now)

@@ -5,8 +5,8 @@ Its members are tables, objects by key; see also `skiros2_live.core.cell.CellDoc
 - `runs`: the runs of trees, see `run_view.summary_data`; `trees`: the newest runs as of `run_view.tree_data`.
 - `goals`: {goal, title, phase, message, start, plan, steps}; see `skiros2_runs.core.goal_progress`. A goal is a run
   too, of the robot `goals`; `goal` of a step's run is its key, and `trees` has the goal's.
-- `jobs` as in the event `job`, without plan, steps and changes.
-- `approvals`: what agents ask for, as in `GET /api/approvals`, without previews and failures.
+- `jobs` as in the event `job`, without plan, steps and changes; `title` is the goal as a sentence.
+- `approvals`: what agents ask for, as in `GET /api/approvals`, without previews and failures; `title` as of jobs.
 - `connections`: {name, address, is_up, since, text} of the parts beside the robots, as far as they are known.
 - `alarms`: what needs a person, see `skiros2_gateway.core.alarms`.
 - `queue`: `hidden` is {count}, how many jobs wait beside those in `jobs`.
@@ -140,7 +140,7 @@ class LiveView:
             after = service.events.last_id
             for job in [*reversed(list(service.store.jobs(limit=_MAX_JOBS))), *service.control.open_jobs]:
                 self.put_job(job.to_dict())
-            self.replace("approvals", {each.id: _approval(each.to_dict()) for each in service.approvals.open})
+            self.replace("approvals", {each.id: self._approval(each.to_dict()) for each in service.approvals.open})
             self.replace("cell", service.control.cell.state())
             async for event in service.events.follow(after, ("job", "approval", "cell", "alarm")):
                 if event.kind == "reset":
@@ -149,7 +149,7 @@ class LiveView:
                     self.put_job(event.data)
                     self._fill_up(service)
                 elif event.kind == "approval":
-                    self.put("approvals", event.data["id"], _approval(event.data))
+                    self.put("approvals", event.data["id"], self._approval(event.data))
                 elif event.kind == "cell":
                     self.replace("cell", event.data)
                 else:
@@ -242,12 +242,20 @@ class LiveView:
         elif job["state"] in FINAL and not is_cleared:
             self._ended[job_id] = None
         response = {key: value for key, value in job["response"].items() if key in _RESPONSE}
-        self.put("jobs", job_id, None if is_cleared else {**job, "response": response})
+        title = self.cell.sentence(job["goal"])
+        self.put("jobs", job_id, None if is_cleared else {**job, "response": response, "title": title})
         while len(self._ended) > _MAX_JOBS:
             oldest = next(iter(self._ended))
             del self._ended[oldest]
             self.put("jobs", oldest, None)
         return self._show_hidden()
+
+    def _approval(self, data: Mapping[str, Any]) -> dict[str, Any] | None:
+        """Returns what a person needs to answer a request; None once it has ended."""
+        if "ended" in data:
+            return None
+        what = {key: value for key, value in data["what"].items() if key not in ("preview", "failure")}
+        return {**data, "what": what, "title": self.cell.sentence(what["goal"]) if "goal" in what else ""}
 
     def _fill_up(self, service: Service) -> None:
         """Shows jobs that have waited out of sight, when there is room for half of them."""
@@ -325,13 +333,6 @@ class LiveView:
     def _schedule(self) -> None:
         if self._timer is None:
             self._timer = self._loop.call_at(max(self._loop.time(), self._last_flush + PERIOD), self.flush)
-
-
-def _approval(data: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Returns what a person needs to answer a request; None once it has ended."""
-    if "ended" in data:
-        return None
-    return {**data, "what": {key: value for key, value in data["what"].items() if key not in ("preview", "failure")}}
 
 
 def _conflicts(patch: Mapping[str, Any], later: Mapping[str, Any]) -> bool:

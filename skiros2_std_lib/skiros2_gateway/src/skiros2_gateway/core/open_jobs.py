@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import chain, islice
 
 from skiros2_gateway.core.events import EventStream
-from skiros2_gateway.core.job import BEFORE, FINAL, Job, State
+from skiros2_gateway.core.job import BEFORE, FINAL, Job, Rank, State
 from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.problems import StoreFailed
 from skiros2_gateway.core.store import JobStore
@@ -20,9 +20,6 @@ log = logging.getLogger(__name__)
 
 #: The longest delay of writing the progress of jobs (s).
 _PROGRESS_PERIOD = 1.0
-
-
-Rank = tuple[int, float, int]
 
 
 @dataclass(frozen=True)

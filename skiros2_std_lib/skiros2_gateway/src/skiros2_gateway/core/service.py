@@ -18,6 +18,7 @@ from skiros2_gateway.core.job import Job, Method, read_order
 from skiros2_gateway.core.job_control import JobControl
 from skiros2_gateway.core.keys import Keep, Keys
 from skiros2_gateway.core.problems import Denied, StoreFailed, TooMany, Unauthenticated
+from skiros2_gateway.core.queue import move
 from skiros2_gateway.core.sessions import Sessions
 from skiros2_gateway.core.store import JobStore
 
@@ -132,6 +133,13 @@ class Service:
             return await self.control.update(read_order(data), caller.user, comment)
 
         return await self.command(caller, Method.UPDATE, thing, update)
+
+    async def move(self, caller: Caller, job_id: str, before: str) -> Job:
+        """Moves a job of the queue; see `skiros2_gateway.core.queue`."""
+        with self.audited(caller, "move", job_id):
+            move(self.control, job_id, before, caller.user)
+            await self.store.synced()
+        return self.control.get(job_id)
 
     async def apply(self, caller: Caller, method: Method, job_id: str, comment: str = "") -> Job:
         """Applies a method to a job, on the disk; see `JobControl.apply`."""

@@ -397,6 +397,11 @@ class JobStore:
         """Returns the first hour (since the epoch) of which there are figures of each robot."""
         return dict(self._read("SELECT robot, MIN(hour) FROM figures GROUP BY robot"))
 
+    def figures_by_hour(self, begin: int, end: int, kinds: Sequence[str]) -> list[tuple[int, str, str, float]]:
+        """Returns (hour, kind, name, value), summed over robots, of hours from `begin`, before `end`."""
+        query = f"SELECT hour, kind, name, SUM(value) FROM figures WHERE kind IN ({', '.join('?' for _ in kinds)})"
+        return self._read(f"{query} AND hour >= ? AND hour < ? GROUP BY 1, 2, 3 ORDER BY 1, 3", *kinds, begin, end)
+
     def count_ended(self, begin: float, end: float, key: str, where: str = "TRUE") -> list[Any]:
         """Returns how many jobs have ended between two times (s since the epoch), by an SQL key, the most first."""
         query = f"SELECT {key}, COUNT(*) AS n FROM jobs WHERE ended >= ? AND ended < ? AND {where} GROUP BY {key}"

@@ -41,7 +41,7 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, FastAPI, Query, Request, Response
 from fastapi.responses import StreamingResponse
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from skiros2_common.core.errors import UnknownName
 from skiros2_gateway.core.access import Role
@@ -129,6 +129,13 @@ class SparqlQuery(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
     query: str
+
+
+class Place(BaseModel):
+    """A place in the queue: before another job; empty: at the end."""
+
+    model_config = ConfigDict(extra="forbid")
+    before: str = Field("", max_length=200)
 
 
 class NewJob(Order):
@@ -257,6 +264,12 @@ async def update_job(caller: CallerArg, service: ServiceArg, job_id: str, body: 
     """Replaces the order of a job that has not started."""
     data = body.model_dump(mode="json", exclude={"start", "comment"})
     return (await service.update(caller, {**data, "id": job_id}, body.comment)).to_dict()
+
+
+@_router.post("/jobs/{job_id}/move", responses=answers(models.JobData, 404, 409))
+async def move_job(caller: CallerArg, service: ServiceArg, job_id: str, body: Place) -> dict[str, Any]:
+    """Moves a job of the queue to another place. Its priority stays; a PUT of its order ends the move."""
+    return (await service.move(caller, job_id, body.before)).to_dict()
 
 
 @_router.post("/jobs/{job_id}/{method}", responses=answers(models.JobData, 404, 409))

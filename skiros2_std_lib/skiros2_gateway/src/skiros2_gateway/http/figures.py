@@ -24,6 +24,8 @@ _TABLES: dict[str, type[BaseModel]] = {
     "skills": models.SkillFigures,
     "jobs": models.JobFigures,
     "failures": models.FailureFigures,
+    "throughput": models.ThroughputFigures,
+    "durations": models.DurationFigures,
 }
 Time = Annotated[FiniteFloat | None, Query(ge=0.0, le=_LATEST)]
 _CSV: dict[int | str, Any] = {**errors_of(), 200: {"content": {"text/csv": {"schema": {"type": "string"}}}}}
@@ -50,7 +52,7 @@ def figures_router(write: Callable[[], None]) -> APIRouter:
     async def figures_csv(
         caller: CallerArg,
         service: ServiceArg,
-        table: Literal["robots", "skills", "jobs", "failures"],
+        table: Literal["robots", "skills", "jobs", "failures", "throughput", "durations"],
         begin: Time = None,
         end: Time = None,
     ) -> Response:

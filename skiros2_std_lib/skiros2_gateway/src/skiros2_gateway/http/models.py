@@ -73,6 +73,8 @@ class JobData(BaseModel):
     cleared: bool
     author: str
     robots: list[str]
+    rank: list[float] = Field([], description="the place in the queue: the smallest starts first")
+    is_moved: bool = False
     response: job.Response
 
 
@@ -318,8 +320,25 @@ class FailureFigures(BaseModel):
     jobs: int
 
 
+class ThroughputFigures(BaseModel):
+    """How many jobs have ended within `step` from `begin` (s since the epoch)."""
+
+    begin: float
+    succeeded: int
+    failed: int
+
+
+class DurationFigures(BaseModel):
+    """The tasks with a skill that have ended within `step` from `begin` (s since the epoch). `mean_s`: s."""
+
+    begin: float
+    skill: str
+    runs: int
+    mean_s: float
+
+
 class Figures(BaseModel):
-    """The figures of a period (s since the epoch)."""
+    """The figures of a period (s since the epoch). `step`: of those over time (s)."""
 
     begin: float
     end: float
@@ -327,6 +346,9 @@ class Figures(BaseModel):
     skills: list[SkillFigures]
     jobs: list[JobFigures]
     failures: list[FailureFigures]
+    step: float
+    throughput: list[ThroughputFigures]
+    durations: list[DurationFigures]
 
 
 # -- the live view -----------------------------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ import yaml
 
 from skiros2_common.core.errors import ConfigurationError, UnknownName
 from skiros2_gateway.core.access import Access, Role
+from skiros2_gateway.core.passwords import hashed
 from skiros2_gateway.core.problems import Denied, Unauthenticated
 from skiros2_gateway.core.sessions import MAX_AGE, MAX_SESSIONS, Sessions
 from skiros2_gateway.core.store import JobStore
@@ -186,3 +187,38 @@ def test_sessions_survive_a_restart_and_end_by_age_and_number(in_gateway: Run) -
 def test_access_without_users_admits_nobody() -> None:
     with pytest.raises(Unauthenticated):
         Access([], JobStore(":memory:")).authenticate("", "rest")
+
+
+def test_user_logs_in_by_name_with_a_password_or_the_token(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        anna = User(name="anna", role="operate", password=hashed("a long password"))
+        bert = User(name="bert", role="view", token="bert-0123456789abcdef")
+        gateway.service.set_users([anna, bert])
+        async with served(gateway.service) as address:
+
+            async def login(user: str, password: str) -> tuple[int, Any]:
+                return await curl(address, "/api/session", body={"user": user, "password": password})
+
+            assert await login("anna", "a long password") == (200, {"user": "anna", "role": "operate"})
+            assert await login("bert", "bert-0123456789abcdef") == (200, {"user": "bert", "role": "view"})
+            for wrong in ("another password", "", anna.password, "bert-0123456789abcdef"):
+                assert (await login("anna", wrong))[0] == 401, wrong
+            for name in ("bert", "carl"):
+                assert (await login(name, "a long password"))[0] == 401, name
+            secret, caller = await gateway.service.sessions.start_by_password("anna", "a long password", "here")
+            assert gateway.service.sessions.caller(secret).user == caller.user == "anna"
+            gateway.service.set_users([anna.model_copy(update={"password": hashed("changed by anna")}), bert])
+            with pytest.raises(Unauthenticated):  # a session ends with its password
+                gateway.service.sessions.caller(secret)
+            while (await login("anna", "guessed"))[0] == 401:
+                pass
+            assert (await login("anna", "guessed"))[0] == 429
+
+    in_gateway(test)
+
+
+def test_an_agent_has_no_password_and_a_password_is_a_hash() -> None:
+    with pytest.raises(ValueError, match="an agent has no password"):
+        User(name="agent", role="agent", token="agent-0123456789abcdef", password=hashed("a long password"))
+    with pytest.raises(ValueError, match="password"):
+        User(name="anna", role="view", password="a long password")

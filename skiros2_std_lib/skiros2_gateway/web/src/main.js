@@ -165,16 +165,19 @@ makeColumns(main);
 
 cell.addEventListener("denied", () => {
   if (document.querySelector("dialog.login")) return;
+  const name = h("input", { name: "user", id: "name", autocomplete: "username" });
   const token = h("input", { type: "password", name: "token", id: "token", autocomplete: "current-password", required: true });
   const problem = h("p", { class: "problems" });
   const form = h("form", { method: "dialog" }, h("h2", {}, "Log in"),
-    h("label", {}, "Token", token, h("small", {}, "The gateway's file users.yaml has a token for each user.")), problem,
+    h("label", {}, "User", name, h("small", {}, "With a token it may be empty.")),
+    h("label", {}, "Password or token", token, h("small", {}, "The gateway's file users.yaml has a token for each user.")), problem,
     h("footer", {}, h("button", { class: "primary", id: "login" }, "Log in")));
   const dialog = h("dialog", { class: "login", oncancel: (event) => event.preventDefault() }, form);
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
     try {
-      await request("/api/session", { token: token.value });
+      const user = name.value.trim();
+      await request("/api/session", user ? { user, password: token.value } : { token: token.value });
       dialog.remove();
       cell.connect();
     } catch (error) {

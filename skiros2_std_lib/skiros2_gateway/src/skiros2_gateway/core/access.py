@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import logging
 import time
@@ -9,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from skiros2_gateway.core.passwords import is_right
 from skiros2_gateway.core.problems import Denied, StoreFailed, TooMany, Unauthenticated
 from skiros2_gateway.core.refusals import Refusals
 from skiros2_gateway.core.users import Role, User, sha256
@@ -23,7 +25,7 @@ AGENTS = "mcp"
 #: Failed logins that an address may make per second, and in a burst.
 _FAILURES_RATE, _FAILURES_BURST = 1.0, 20
 #: The kinds of credentials.
-_TOKEN, _CERTIFICATE = "token ", "certificate "
+_TOKEN, _PASSWORD, _CERTIFICATE = "token ", "password ", "certificate "
 #: How many rate limits are kept.
 _MAX_LIMITS = 10_000
 
@@ -105,6 +107,7 @@ class Access:
     def set_users(self, users: Sequence[User]) -> None:
         """Replaces the users. Callers whose credentials are gone are refused from now on; see `renew`."""
         self._by_credential = {_TOKEN + user.digest: user for user in users if user.digest}
+        self._by_credential |= {_PASSWORD + user.password: user for user in users if user.password}
         self._by_credential |= {_CERTIFICATE + user.certificate.lower(): user for user in users if user.certificate}
 
     def authenticate(self, token: str, way: str, address: str = "") -> Caller:
@@ -125,6 +128,18 @@ class Access:
         tokens = {key.removeprefix(_TOKEN): key for key in self._by_credential if key.startswith(_TOKEN)}
         found = [key for digest, key in tokens.items() if self._by_credential[key].name == name and is_right(digest)]
         return self._admit(found[0] if found else "", way, address, "the user or the signature is wrong")
+
+    async def authenticate_password(self, name: str, password: str, way: str, address: str = "") -> Caller:
+        """Returns the caller with a name and a password, or their token instead; raises like `authenticate`."""
+        own = [key for key, user in self._by_credential.items() if user.name == name]
+        if (token := _TOKEN + sha256(password)) in own:
+            return self._admit(token, way, address, "")
+        key = next((key for key in own if key.startswith(_PASSWORD)), "")
+        limit = self._limit(("address", address), _FAILURES_RATE, _FAILURES_BURST)
+        if limit.refill() < 1.0:
+            limit.take()  # before the hash, which costs
+        is_known = await asyncio.to_thread(is_right, password, key.removeprefix(_PASSWORD))
+        return self._admit(key if is_known else "", way, address, "the user or the password is wrong")
 
     def authenticate_certificate(self, der: bytes, way: str, address: str = "") -> Caller:
         """Returns the caller with a certificate (DER); raises like `authenticate`."""

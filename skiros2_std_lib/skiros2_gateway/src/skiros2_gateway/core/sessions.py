@@ -70,7 +70,13 @@ class Sessions:
 
         :raises SkirosError: the token is not admitted; see `Access.authenticate`.
         """
-        caller = self._access.authenticate(token, BROWSER, address)
+        return self._start(self._access.authenticate(token, BROWSER, address), address)
+
+    async def start_by_password(self, user: str, password: str, address: str) -> tuple[str, Caller]:
+        """The same for a user's name and password."""
+        return self._start(await self._access.authenticate_password(user, password, BROWSER, address), address)
+
+    def _start(self, caller: Caller, address: str) -> tuple[str, Caller]:
         own = [each for each in self._sessions.values() if each.caller.user == caller.user]
         for old in own[: max(0, len(own) + 1 - MAX_SESSIONS)]:
             self._end(old)

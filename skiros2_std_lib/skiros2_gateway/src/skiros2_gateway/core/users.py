@@ -12,10 +12,11 @@ from enum import IntEnum
 from pathlib import Path
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.core.yaml_text import read_yaml
+from skiros2_gateway.core.passwords import PATTERN
 from skiros2_gateway.core.problems import problems_of
 
 log = logging.getLogger(__name__)
@@ -46,6 +47,7 @@ class User(BaseModel):
     :param person: whether a person, and no program, has the credentials. Only persons approve what agents ask for.
     :param token: the secret itself; the file must be readable by its owner only.
     :param sha256: the token's SHA-256 as hexadecimal digits, instead of the token.
+    :param password: its hash, with which the user logs in to the page by name; see `skiros2_gateway.core.passwords`.
     :param certificate: the SHA-256 of an OPC UA client's certificate (DER), as hexadecimal digits.
     """
 
@@ -56,6 +58,7 @@ class User(BaseModel):
     person: bool = False
     token: str = ""
     sha256: str = ""
+    password: str = Field("", pattern=PATTERN)
     certificate: str = ""
 
     @model_validator(mode="after")
@@ -66,8 +69,10 @@ class User(BaseModel):
             raise ValueError("an agent is not a person")
         if self.token and len(self.token) < 16:
             raise ValueError("the token is too short, expected at least 16 characters")
-        if not (self.token or self.sha256 or self.certificate):
-            raise ValueError("expected a token, its sha256, or a certificate")
+        if not (self.token or self.sha256 or self.password or self.certificate):
+            raise ValueError("expected a token, its sha256, a password, or a certificate")
+        if self.password and self.level is Role.AGENT:
+            raise ValueError("an agent has no password")
         return self
 
     @property

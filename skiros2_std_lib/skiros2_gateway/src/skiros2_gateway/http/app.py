@@ -152,16 +152,22 @@ async def health(service: ServiceArg) -> dict[str, Any]:
 
 
 class Login(BaseModel):
-    """The token of a user."""
+    """The token of a user, or their name and password."""
 
     model_config = ConfigDict(extra="forbid")
-    token: str
+    token: str = ""
+    user: str = Field("", max_length=200)
+    password: str = Field("", max_length=1000)
 
 
 @_router.post("/session", responses=answers(models.LoggedIn), openapi_extra={"security": []})
 async def login(request: Request, response: Response, body: Login, service: ServiceArg) -> dict[str, str]:
-    """Starts a session of the page for a token, and sets its cookie."""
-    secret, caller = service.sessions.start(body.token, address_of(request))
+    """Starts a session of the page for a token, or a name and a password, and sets its cookie."""
+    sessions, address = service.sessions, address_of(request)
+    if body.user:
+        secret, caller = await sessions.start_by_password(body.user, body.password, address)
+    else:
+        secret, caller = sessions.start(body.token, address)
     is_secure = request.url.scheme == "https"
     response.set_cookie(
         COOKIE, secret, max_age=int(MAX_AGE), httponly=True, samesite="strict", secure=is_secure, path="/"

@@ -143,7 +143,7 @@ def report(store: JobStore, begin: float, end: float) -> dict[str, Any]:
 def _over_time(store: JobStore, begin: float, end: float) -> dict[str, Any]:
     """Returns the figures over time: `step` (s) of their points, `throughput` and `durations`."""
     hours = int(begin // _HOUR), int(-(-end // _HOUR))
-    durations = store.figures_by_hour(*hours, ("runs", "run_seconds"))
+    durations = [each for each in store.figures_by_hour(*hours) if each[1] in ("runs", "run_seconds")]
     ended = store.count_ended(begin, end, f"CAST(ended / {_HOUR} AS INTEGER)")
     first = max(hours[0], min((hour for hour, *_ in (*durations, *ended)), default=hours[1]))
     step = max(1, -(-(hours[1] - first) // _MAX_POINTS))  # hours

@@ -139,8 +139,9 @@ class _Run:
         return self._run(LearningStudy.create(scenario, self._folder / name))
 
     def _run(self, study: LearningStudy) -> LearningStudy:
+        every = max(1, study.scenario.budget.evaluations // 10)
         with study.running():
-            Runner(study, self._options.workers, Progress(study, every=10)).run()
+            Runner(study, self._options.workers, Progress(study, every)).run()
         return study
 
     # -- proofs ------------------------------------------------------------------------------------------------------

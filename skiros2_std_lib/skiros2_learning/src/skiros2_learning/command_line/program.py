@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from skiros2_common.command_line.command import CommandResult, Parser, command_arguments, end, run_command, user
 from skiros2_common.core.errors import ConfigurationError, Refused, WrongValue
+from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_common.tools.libraries import find_libraries
 from skiros2_learning.command_line.running import (
@@ -197,7 +198,11 @@ def _apply(options: argparse.Namespace) -> CommandResult:
     if validated is not None:
         text = f"evaluation {number}: {sample_text(study.scenario.objectives, validated)}"
     lines = [f"{each.id}: {text}" for each in added]
-    return CommandResult([*lines, "revert it with: learn remove ID"], [each.id for each in added])
+    return CommandResult([*lines, *_reverts(added)], [each.id for each in added])
+
+
+def _reverts(added: Sequence[Element]) -> list[str]:
+    return [f"revert it with: learn remove {each.id}" for each in added]
 
 
 def _apply_policy(options: argparse.Namespace) -> CommandResult:
@@ -207,7 +212,7 @@ def _apply_policy(options: argparse.Namespace) -> CommandResult:
     with _world(options) as wm:
         added = apply_policy(wm, scenario, policy, date, str(options.study.resolve()))
     lines = [f"{each.id}: {sample_text(scenario.objectives, policy.validation.learned)}" for each in added]
-    return CommandResult([*lines, "revert it with: learn remove ID"], [each.id for each in added])
+    return CommandResult([*lines, *_reverts(added)], [each.id for each in added])
 
 
 def _remove(options: argparse.Namespace) -> CommandResult:

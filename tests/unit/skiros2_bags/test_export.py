@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -10,8 +11,10 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import jsonschema
 import pytest
 
+from skiros2_bags.core.mcap_scene import _Meshes
 from skiros2_bags.core.run import Run
 from support.source import ROOT
 
@@ -33,10 +36,11 @@ def test_mcap_has_the_messages_of_the_bag(tmp_path: Path) -> None:
         reader = make_reader(file, decoder_factories=[ros1.DecoderFactory()])
         assert reader.get_header().profile == "ros1"
         read = list(reader.iter_messages(log_time_order=False))
-        assert len(list(reader.iter_decoded_messages())) == len(recorded)
         times = [message.log_time for _, _, message in read]
         assert times == sorted(times)
-        assert Counter(channel.topic for _, channel, _ in read) == Counter(message.topic for message in recorded)
+        topics = Counter(channel.topic for schema, channel, _ in read if schema.encoding == "ros1msg")
+        assert topics == Counter(message.topic for message in recorded)
+        assert len(list(reader.iter_decoded_messages(topics))) == len(recorded)
         wrenches = [
             (message.log_time, content.wrench.force.z)
             for _, _, message, content in reader.iter_decoded_messages(["/piston_cell/right_arm/wrist/wrench"])
@@ -44,6 +48,46 @@ def test_mcap_has_the_messages_of_the_bag(tmp_path: Path) -> None:
     expected = [(m.time, m.content.wrench.force.z) for m in recorded if m.type == "geometry_msgs/WrenchStamped"]
     assert [force for _, force in wrenches] == [force for _, force in expected]
     assert wrenches[0][0] / 1e9 == pytest.approx(expected[0][0], abs=1e-6)
+
+
+def test_mcap_has_frames_shapes_and_robots_for_the_3d_view(tmp_path: Path) -> None:
+    pytest.importorskip("mcap", reason="needs requirements/export.txt")
+    from mcap.reader import make_reader
+
+    from skiros2_bags.core.mcap_export import export_mcap
+
+    run = Run.open(BAG)
+    export_mcap(run, tmp_path / "run.mcap")
+    frames, entities, schemas = {}, {}, {}
+    with (tmp_path / "run.mcap").open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            if channel.message_encoding == "json":
+                schemas[schema.name] = json.loads(schema.data)
+                data = json.loads(message.data)
+                jsonschema.validate(data, schemas[schema.name])
+                if schema.name == "foxglove.FrameTransform":
+                    frames[data["child_frame_id"]] = data["parent_frame_id"]
+                entities.update({each["id"]: each for each in data.get("entities", [])})
+    moved = {t.child_frame_id.lstrip("/"): t.header.frame_id.lstrip("/")
+             for m in run.messages("/tf", "/tf_static") for t in m.content.transforms}  # fmt: skip
+    assert not frames.keys() & moved.keys()  # no frame has two parents
+    known = frames | moved
+    roots = set(known.values()) - known.keys()
+    drawn = [each for each in entities.values() if each["cubes"] or each["models"] or each["cylinders"]]
+    assert {each["frame_id"] for each in drawn} <= known.keys() | roots  # each is somewhere in the tree of frames
+    [(name, (urdf, _))] = run.robot_descriptions().items()
+    links = [each for each in drawn if each["id"].startswith(name)]
+    assert 0 < len(links) <= urdf.count("<link ")
+    assert len(drawn) > len(links)  # elements too
+
+
+def test_mcap_has_the_meshes_themselves_and_no_other_files(tmp_path: Path) -> None:
+    meshes = _Meshes()
+    (tmp_path / "part.STL").write_bytes(b"solid")
+    (tmp_path / "secret.txt").write_bytes(b"secret")
+    assert meshes.model(f"file://{tmp_path}/part.STL") == {"media_type": "model/stl", "data": "c29saWQ="}
+    for url in (f"file://{tmp_path}/secret.txt", f"file://{tmp_path}/missing.stl", "package://no_such_package/a.stl"):
+        assert meshes.model(url) is None
 
 
 @pytest.fixture(scope="module")

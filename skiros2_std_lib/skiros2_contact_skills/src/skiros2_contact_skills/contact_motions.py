@@ -34,7 +34,7 @@ from skiros2_std_skills.core.devices import opening
 #: Stiffness along the tool axis of motions until contact (N/m).
 _APPROACH_STIFFNESS = 800.0
 #: Stiffness along the tool axis of a search (N/m): it only damps, as the reference follows the tool.
-_FOLLOWING_STIFFNESS = 300.0
+_FOLLOWING_STIFFNESS = 800.0
 #: A search ends after that many passes between the centre and the radius, and the time until the part is pressed (s).
 _PASSES, _PRESSING_TIME = 2.0, 2.0
 #: Lead of the reference with which a part is lifted after a search (m): up to 8 N.
@@ -43,6 +43,9 @@ _LIFT = 0.01
 _INSERTION_STIFFNESS = 2000.0
 #: An insertion brakes within this time before its end (s), down to this speed (m/s).
 _BRAKING_TIME, _SLOWEST = 0.4, 0.005
+#: Distance from the wanted depth within which a part that has moved in this time is pushed with the friction and what
+#: the damping takes up (m, s): more throws it at the floor when the friction ends. The reference never leads as far.
+_NEAR_FLOOR, _MOVING_TIME = 0.01, 0.2
 #: Maximum distance of the reference beyond the wanted depth (m).
 _BEYOND = 0.005
 #: Depth that counts as progress of an insertion (m).
@@ -78,6 +81,9 @@ class move_until_contact(ContactPrimitive):
 
 class spiral_search(ContactPrimitive):
     """Presses and lets the driver add a spiral to the reference, which follows the tool along its axis only."""
+
+    # when a tick is late, nothing but the damping slows down a part that has dropped into the opening
+    damping = (2.0, 2.0, 6.0, 2.0, 2.0, 2.0)
 
     def createDescription(self) -> None:
         self.setDescription(SpiralSearch(), self.__class__.__name__)
@@ -134,8 +140,8 @@ class insert_part(ContactPrimitive):
     """Pushes with a force profile. The tool yields across its axis, its reference follows it slowly, and its axis
     wobbles on a cone, which frees a jammed part."""
 
-    # with the default damping a soft tool would hardly wobble
-    damping = (2.0, 2.0, 2.0, 0.5, 0.5, 0.5)
+    # along the axis as in a search; with the default damping a soft tool would hardly wobble
+    damping = (2.0, 2.0, 6.0, 0.5, 0.5, 0.5)
 
     def createDescription(self) -> None:
         self.setDescription(InsertPart(), self.__class__.__name__)
@@ -150,6 +156,7 @@ class insert_part(ContactPrimitive):
 
     def begin(self, state: ArmState) -> None:
         self.set_stiffness(_INSERTION_STIFFNESS)
+        self._slowest = self.permitted(_SLOWEST, axis_of(state))  # meets the floor
         self._wanted = self.number("Depth", self.fit().depth)
         self._best = self._target = self.depth(state)
         self._best_at = state.stamp
@@ -184,7 +191,10 @@ class insert_part(ContactPrimitive):
         if is_stuck:
             return self._judge(state, Judgement.JAMMED, NO_PROGRESS)
         force = self.value("EntryForce") if depth < self.value("EntryDepth") else self.value("Force")
-        speed = min(self.value("Speed"), max(_SLOWEST, (wanted - depth) / _BRAKING_TIME))
+        speed = min(self.value("Speed"), max(self._slowest, (wanted - depth) / _BRAKING_TIME))
+        if depth > wanted - _NEAR_FLOOR and state.stamp - self._best_at < _MOVING_TIME:
+            damping = 2.0 * self.damping[2] * math.sqrt(_INSERTION_STIFFNESS)
+            force = min(force, max(pressed(state), 0.0) + damping * speed)
         # the spring along the axis is stretched until it pulls with that force
         self._target = min(self._target + speed * dt, depth + force / _INSERTION_STIFFNESS, wanted + 2.0 * _BEYOND)
         self.arm.set_reference(self._reference(state, dt, self._target - depth))

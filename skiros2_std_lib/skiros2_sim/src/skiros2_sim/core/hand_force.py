@@ -62,6 +62,8 @@ class HandForce:
         if arm.sensor is not None:  # without one, contacts are measured
             mass = (arm.sensor.mass + self._payload.mass) / passed
             taken = [mass * (now - then) for now, then in zip(velocity, was, strict=True)]
+            if math.hypot(*force) + math.hypot(*taken) <= self._peak:  # in any direction
+                return
             inertia = rotated(conjugated(arm.tool_pose().orientation), taken)
             force = [part + more for part, more in zip(force, inertia, strict=True)]
         self._peak = max(self._peak, math.hypot(*force))

@@ -16,7 +16,7 @@ from rosbags.rosbag1 import Reader, Writer
 from skiros2_bags.command_line.replay import main
 from skiros2_bags.core.bag_file import BagError
 from skiros2_bags.testing.fake_action_clients import RecordedActions
-from skiros2_bags.testing.field_tolerances import FieldTolerances
+from skiros2_bags.testing.field_tolerances import FieldTolerances, field_tolerances
 from skiros2_bags.testing.recording import Recording, recorded_tasks
 from skiros2_bags.testing.rerun import Settings, rerun
 from skiros2_bags.testing.stored import Stored, read_stored
@@ -71,6 +71,39 @@ def test_goal_may_be_recorded_after_the_first_progress(gripper: Recording) -> No
     events = [replace(e, order=late[id(e)]) if id(e) in late else e for e in recording.events]
     recording.events = sorted(events, key=lambda event: event.order)
     assert rerun(recording, Settings()).divergence is None
+
+
+def test_goal_field_may_have_a_tolerance(gripper: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    from replay_skills import skills
+
+    genuine = skills.grasp.buildGoal
+
+    def wider(self: skills.grasp) -> object:
+        goal = genuine(self)
+        goal.command.position += 0.001
+        return goal
+
+    monkeypatch.setattr(skills.grasp, "buildGoal", wider)
+    wide = FieldTolerances(fields=field_tolerances(["/gripper:command.position=0.002"]))
+    assert rerun(gripper, Settings(tolerances=wide)).is_as_recorded
+    other = FieldTolerances(fields=field_tolerances(["/gripper:command.max_effort=0.002"]))
+    assert not rerun(gripper, Settings(tolerances=other)).is_as_recorded
+
+
+def test_tolerance_of_one_field_is_stored_and_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = tmp_path / "drive.bag"
+    bag.write_bytes((BAGS / "timed_drive.bag").read_bytes())
+    options = [str(bag), "--workspace", str(WORKSPACE)]
+    assert main([*options, "--store", "--tolerance", "pose=0.01", "--tolerance", "value:Force=0.5,0.02"]) == 0
+    stored = read_stored(bag)
+    assert stored is not None
+    fields = {"pose": Tolerance(0.0, 0.01), "value:Force": Tolerance(0.02, 0.5)}
+    assert stored.tolerances == FieldTolerances(fields=fields)
+    capsys.readouterr()
+    assert main(options) == 0
+    assert "pose 0.01 (relative 0), value:Force 0.5 (relative 0.02); all else exact" in capsys.readouterr().out
+    assert main([*options, "--tolerance", "pose"]) == 2
+    assert "expected a tolerance such as pose=0.01" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("more", [0.01, 0.0001])

@@ -25,7 +25,7 @@ class RecordedEvidence:
     """
 
     def __init__(self, entries: Sequence[Entry], tolerances: FieldTolerances, played: Collection[str] = ()) -> None:
-        self._entries = _sorted_pushes(entries)
+        self._entries = sorted_groups(entries, "push")
         self._tolerances = tolerances
         self._played = played
         self._number = 0
@@ -50,7 +50,7 @@ class RecordedEvidence:
         :param is_end: whether all recorded entries must have been made.
         :returns: the first difference (node, recorded, now); None without one.
         """
-        for entry in _sorted_pushes(map(tuple, json.loads(json.dumps(made)))):  # type: ignore[arg-type]
+        for entry in sorted_groups(map(tuple, json.loads(json.dumps(made))), "push"):  # type: ignore[arg-type]
             if self._number == len(self._entries):
                 return _node_text(entry, nodes), "nothing more", _text(entry)
             wanted = self._entries[self._number]
@@ -74,13 +74,13 @@ class RecordedEvidence:
         return same_data(wanted[3], entry[3], tolerance)
 
 
-def _sorted_pushes(entries: Iterable[Entry]) -> list[Entry]:
-    """Sorts what one node has pushed at once by key."""
+def sorted_groups(entries: Iterable[Entry], kind: str) -> list[Entry]:
+    """Sorts consecutive entries of one node and this kind by name: code may take them from a set."""
     groups = itertools.groupby(entries, lambda entry: entry[:2])
     return [
         entry
-        for (_, kind), group in groups
-        for entry in (sorted(group, key=lambda entry: entry[2]) if kind == "push" else group)
+        for (_, each), group in groups
+        for entry in (sorted(group, key=lambda entry: entry[2]) if each == kind else group)
     ]
 
 

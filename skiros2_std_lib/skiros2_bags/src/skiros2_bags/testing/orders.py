@@ -57,8 +57,6 @@ def alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterato
     if at.order not in ordering.preempting and any(node.code == PREEMPTED for node in at.frame.nodes.values()):
         causes.insert(0, replace(ordering, preempting=ordering.preempting | {at.order}))
         yield causes[0]
-    if ordering.counts:
-        yield replace(ordering, counts=False)
     if at.order not in ordering.results:
         yield replace(ordering, results=ordering.results | {at.order})
     shifts: tuple[float, ...] = ()
@@ -76,6 +74,8 @@ def alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterato
             for cause in causes:
                 yield replace(cause, orders=(*ordering.orders, (event.order, order)))
     yield from shifted[2:]
+    if ordering.counts:
+        yield replace(ordering, counts=False)
 
 
 def _is_input(event: Event) -> bool:

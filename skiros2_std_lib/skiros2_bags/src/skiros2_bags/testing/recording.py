@@ -15,6 +15,7 @@ from skiros2_bags.core.bag_file import MONITOR, PROGRESS, BagError, Message
 from skiros2_bags.core.bag_writer import DECLARATIONS, EVIDENCE, PARAMETERS
 from skiros2_bags.core.run import Run, add_progress
 from skiros2_bags.core.world_history import read_change
+from skiros2_bags.testing.evidence import sorted_groups
 from skiros2_bags.testing.ros_messages import ros_message
 from skiros2_common.core.operations import Change
 from skiros2_common.core.signals import TOPIC
@@ -228,7 +229,8 @@ def _events(order: int, message: Message, runs: Runs, signals: set[str]) -> Iter
 def _evidence(at: Event, message: Message) -> EvidenceEntries:
     try:
         found = json.loads(message.content.data)
-        entries = tuple((str(path), str(kind), str(name), value) for path, kind, name, value in found["entries"])
+        read = [(str(path), str(kind), str(name), value) for path, kind, name, value in found["entries"]]
+        entries = tuple(sorted_groups(read, "write"))
         manager, version = message.topic.removesuffix(f"/{EVIDENCE}"), int(found.get("version", 1))
         return EvidenceEntries(at.order, at.time, manager, found["task"], entries, version)
     except (ValueError, LookupError, TypeError, RecursionError) as error:

@@ -235,7 +235,14 @@ class RerunPass:
         self._clock_ticks = sorted((e.time, e.now) for e in recording.events if isinstance(e, ClockTick))
         names = {run.manager for run in runs}
         self.managers = {
-            n: RerunManager(n, self.model, self.actions, settings.played, Declared(recording.declarations.get(n, "")))
+            n: RerunManager(
+                n,
+                self.model,
+                self.actions,
+                settings.played,
+                Declared(recording.declarations.get(n, "")),
+                recording.parameters.get(f"{n}/libraries_list", ()),
+            )
             for n in names
         }
         self._used: dict[str, set[str]] = {name: set() for name in names}

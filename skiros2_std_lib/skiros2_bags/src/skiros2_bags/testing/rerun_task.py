@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-import importlib
+import importlib.util
 import inspect
 import logging
 import math
@@ -49,6 +49,7 @@ class RerunManager:
     :param name: of the manager's node.
     :param replaced_labels: labels of primitives that are replaced by their recorded progress.
     :param declared: what its skills have declared.
+    :param libraries: packages whose skills it could use, besides those of its registered skills.
     """
 
     def __init__(
@@ -58,6 +59,7 @@ class RerunManager:
         actions: RecordedActions,
         replaced_labels: frozenset[str],
         declared: Declared,
+        libraries: Collection[str] = (),
     ) -> None:
         self.name = name
         self.wmi = LocalWorldModel(name, model)
@@ -70,6 +72,7 @@ class RerunManager:
         self.played_at = self.played_ended_at = -math.inf
         self._replaced_labels = replaced_labels
         self._declared = declared
+        self._libraries = libraries
 
     @property
     def is_ticking(self) -> bool:
@@ -98,7 +101,8 @@ class RerunManager:
             listed.append((skill.getIdNumber(), str(skill.value_of("skiros:PythonModule")), skill.label))
         if not listed:
             raise BagError(f"the recorded scene lists no skills of {self.name}")
-        self.library.import_libraries(sorted({module.partition(".")[0] for _, module, _ in listed}))
+        known = {name for name in self._libraries if importlib.util.find_spec(name.partition(".")[0]) is not None}
+        self.library.import_libraries(sorted(known | {module.partition(".")[0] for _, module, _ in listed}))
         for _, module, label in sorted(listed):
             cls = _implementation(module, label)
             self.library.add(replay_primitive(cls, self) if is_replaced(cls, label, self._replaced_labels) else cls)

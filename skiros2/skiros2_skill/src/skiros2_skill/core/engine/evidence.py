@@ -134,7 +134,7 @@ class Evidence:
     def _note_writes(self) -> None:
         written, self._written = self._written, []
         for (run, hook), group in itertools.groupby(written, lambda each: each[:2]):
-            writes = [write for _, _, write in group]
+            writes = sorted(write for _, _, write in group)  # code may take them from a set
             if hook != EXECUTE_HOOK or self._is_other(run, "what execute writes", writes):
                 for write in writes:
                     self._note(run.node, "write", write)

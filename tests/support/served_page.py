@@ -16,13 +16,15 @@ from skiros2_gateway.core.approvals import Approvals, Request
 from skiros2_gateway.core.bags import Bags
 from skiros2_gateway.core.figures import Figures
 from skiros2_gateway.core.live import LiveView
+from skiros2_gateway.core.other_cells import OtherCell, OtherCells
 from skiros2_gateway.http.alarms import alarms_router
 from skiros2_gateway.http.figures import figures_router
 from skiros2_gateway.http.live import live_router, page_router
+from skiros2_gateway.http.other_cells import other_cells_router
 from skiros2_live.core.patch import TASK_MANAGER, Connection, TaskProgress
 from support.http_gateway import served
 from support.progress import FAILURE, SUCCESS, pick_and_place
-from unit.skiros2_gateway.conftest import Gateway
+from unit.skiros2_gateway.conftest import TOKENS, Gateway
 from unit.skiros2_gateway.test_live_http import _Cell
 
 ROBOTS = (
@@ -93,8 +95,10 @@ def served_page(folder: Path, page: Path) -> Iterator[str]:
         tasks = [asyncio.create_task(view.follow(gateway.service)), ask(gateway)]
         agents = AgentServer(gateway.service).router()
         routers = [live_router(view, _Cell(), Bags(None)), alarms_router(view), figures_router(figures.write)]
-        routers += [agents, page_router(page)]
+        cells = [OtherCell(name="Line 3", address="http://127.0.0.1:9", token="")]
+        routers += [agents, page_router(page), other_cells_router(OtherCells(cells))]
         async with served(gateway.service, routers=routers) as address:
+            cells.insert(0, OtherCell(name="Line 2", address=address, token=TOKENS["view"]))
             yield address
         for task in tasks:
             task.cancel()

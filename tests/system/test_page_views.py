@@ -74,6 +74,19 @@ def test_alarms_are_counted_and_acknowledged(open_page: Any) -> None:
     expect(viewer.locator("dialog[open] [data-action=acknowledge]:visible")).to_have_count(0)
 
 
+def test_other_cells_are_listed_with_alarms_and_opened(open_page: Any) -> None:
+    expect, page = playwright.expect, open_page("view")
+    expect(page.locator("#cells")).to_have_text("Cells (2)")
+    page.click("#cells")
+    rows = page.locator("dialog[open] .job-row")
+    expect(rows.nth(0)).to_contain_text("5 alarms")
+    expect(rows.nth(0)).to_contain_text("1 busy, 1 protective stop")
+    expect(rows.nth(1)).to_contain_text("no answer")
+    with page.context.expect_page() as opened:
+        rows.nth(0).click()
+    expect(opened.value).to_have_title("(5) SkiROS2")
+
+
 COUNT_TONES = """window.tones = 0;
 const make = AudioContext.prototype.createOscillator;
 AudioContext.prototype.createOscillator = function () { window.tones += 1; return make.call(this); };"""
@@ -203,7 +216,8 @@ def test_axe_has_no_findings_in_any_view(open_page: Any, size: str) -> None:
         answer = page.evaluate("rules => axe.run({ runOnly: rules })", RULES)
         found.extend(f"{view}: {each['id']}: {each['nodes'][0]['html']}" for each in answer["violations"])
 
-    for name in ("alarms", "approvals"):
+    page.wait_for_selector("#cells")
+    for name in ("alarms", "approvals", "cells"):
         page.click(f"#{name}")
         check(name)
         page.click(f"#close-{name}")

@@ -4,6 +4,7 @@ import { openAccount } from "./account.js";
 import { AlarmsView } from "./alarms.js";
 import { ApprovalsView } from "./approvals.js";
 import { Cell, notify, request } from "./cell.js";
+import { CellsView } from "./cells.js";
 import { makeColumns } from "./columns.js";
 import { commandRobots } from "./commands.js";
 import { CellPanel } from "./cell_panel.js";
@@ -29,6 +30,7 @@ const run = new ShownRun(cell);
 const selection = new Selection();
 const alarms = new AlarmsView(cell);
 const approvals = new ApprovalsView(cell);
+const cells = new CellsView(cell);
 const signals = new SignalsView(panelOf("signals"), cell, run);
 /** @type {[HTMLElement, any][]} */
 const views = [
@@ -112,7 +114,7 @@ const connection = h("span", { class: "chip", id: "connection" });
 const user = h("button", { class: "small", id: "user", onclick: () => openAccount(cell), title: "The user, with the role; opens sessions and the logout" });
 const stop = h("button", { class: "small stop", id: "stop-all", onclick: () => notify(commandRobots(cell, "stop")) }, "Stop all tasks");
 const theme = h("button", { class: "small", title: "Dark or light", "aria-label": "Dark or light", onclick: () => setTheme(isDark() ? "light" : "dark") }, "◐");
-document.getElementById("header").append(h("h1", {}, "SkiROS2"), connection, h("span", { class: "grow" }), alarms.button, approvals.button, stop, user, theme);
+document.getElementById("header").append(h("h1", {}, "SkiROS2"), connection, h("span", { class: "grow" }), cells.button, alarms.button, approvals.button, stop, user, theme);
 
 function showConnection() {
   const [word, role] = CONNECTIONS[cell.connection];

@@ -26,6 +26,7 @@ class Settings(BaseModel):
     :param mqtt: HOST or HOST:PORT of a broker; "": off. One on another machine needs `mqtt_ca`: TLS.
     :param mqtt_tokens: whether commands may have a token instead of a signature; all who may read the topics read it.
     :param bags: folder of recorded runs to look at in the page; "": none.
+    :param cells: YAML file with the gateways of other cells, which the page lists; "": none.
     :param agents: the Model Context Protocol at `/mcp`: off; a person approves what agents start (ask), or this setting
         does (approved).
     :param approval_timeout: how long an agent's request waits for a person (s).
@@ -56,6 +57,7 @@ class Settings(BaseModel):
     certificate: str = ""
     key: str = ""
     bags: str = ""
+    cells: str = ""
     agents: Literal["off", "ask", "approved"] = "off"
     approval_timeout: float = Field(300.0, gt=0.0)
     jobs_at_once: int = Field(0, ge=0, le=1000)

@@ -280,6 +280,23 @@ class Alarms(BaseModel):
     alarms: list[Alarm]
 
 
+class CellSummary(BaseModel):
+    """Another cell: how many robots it has by state, and how many alarms that nobody has acknowledged."""
+
+    name: str
+    address: str
+    is_up: bool
+    text: str = Field(description="why it is not up")
+    robots: dict[str, int]
+    alarms: int
+
+
+class Cells(BaseModel):
+    """The other cells that the gateway knows."""
+
+    cells: list[CellSummary]
+
+
 class RobotFigures(BaseModel):
     """A robot in a period: times (s), ended tasks, and ratios; see `Totals.counters`."""
 

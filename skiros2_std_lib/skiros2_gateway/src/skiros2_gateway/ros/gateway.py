@@ -27,6 +27,7 @@ from skiros2_gateway.core.figures import Figures, totals_of
 from skiros2_gateway.core.job_control import JobControl
 from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.core.missed_tasks import MissedTasks
+from skiros2_gateway.core.other_cells import OtherCells, read_cells
 from skiros2_gateway.core.problems import problems_of
 from skiros2_gateway.core.retention import keep_days
 from skiros2_gateway.core.service import Service
@@ -38,6 +39,7 @@ from skiros2_gateway.http.alarms import alarms_router
 from skiros2_gateway.http.app import create_app
 from skiros2_gateway.http.figures import figures_router
 from skiros2_gateway.http.live import live_router, page_router
+from skiros2_gateway.http.other_cells import other_cells_router
 from skiros2_gateway.http.server import GRACE, HttpServer, Limits
 from skiros2_gateway.mqtt.bridge import MqttBridge
 from skiros2_gateway.ros.live import LiveRos
@@ -152,7 +154,9 @@ def _live_view(
     stack.callback(asyncio.get_running_loop().create_task(view.follow(service)).cancel)
     bags = Bags(Path(settings.bags).expanduser() if settings.bags else None, settings.make_folder() / "bags")
     page = _share() / "page"  # missing if it was not built
-    return [live_router(view, live, bags, stop_port), alarms_router(view), page_router(page, stop_port)]
+    others = OtherCells(read_cells(Path(settings.cells).expanduser()) if settings.cells else [])
+    routers = [alarms_router(view), other_cells_router(others), page_router(page, stop_port)]
+    return [live_router(view, live, bags, stop_port), *routers]
 
 
 def _share() -> Path:

@@ -42,6 +42,7 @@ OUTSIDE = {
         "sqlalchemy",
         "pydantic",
         "pydantic_core",
+        "distributed",
         "pebble",
         "yaml",
         "matplotlib",

@@ -29,6 +29,7 @@ from skiros2_learning.core.hypermapper import import_hypermapper
 from skiros2_learning.core.parameter_sets import apply_policy, apply_result, remove_set
 from skiros2_learning.core.policy import Policy, has_variations, learn_variations, variation_studies
 from skiros2_learning.core.policy_table import applicable_policy, stored_policy
+from skiros2_learning.core.pools import DASK, Workers
 from skiros2_learning.core.report import describe, format_value, status_lines, write_report
 from skiros2_learning.core.scenario import OPTIMISERS, Scenario, load_scenario, plugins_of
 from skiros2_learning.core.storage import public_name
@@ -290,7 +291,11 @@ def _parser(cell: Cell | None) -> argparse.ArgumentParser:
 
     def add_budget(command: argparse.ArgumentParser) -> None:
         command.add_argument(
-            "--workers", type=_count, default=os.cpu_count() or 1, metavar="N", help="processes (default: one per core)"
+            "--workers",
+            type=_workers,
+            default=os.cpu_count() or 1,
+            metavar="N",
+            help="processes (default: one per core), or dask://HOST:PORT of the scheduler of a Dask cluster",
         )
         command.add_argument("--yes", action="store_true", help="on a real robot: do not ask before each execution")
 
@@ -371,6 +376,10 @@ def _count(text: str) -> int:
     if number < 1:
         raise argparse.ArgumentTypeError(f"expected 1 or more, got {number}")
     return number
+
+
+def _workers(text: str) -> Workers:
+    return text if text.startswith(DASK) else _count(text)
 
 
 _COMMANDS = {

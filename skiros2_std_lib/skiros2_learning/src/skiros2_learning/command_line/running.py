@@ -12,6 +12,7 @@ from skiros2_common.core.errors import Refused
 from skiros2_learning.core.evaluation import Evaluation, Execution, Unavailable, repeat_once, seed_of
 from skiros2_learning.core.policy import variation_studies
 from skiros2_learning.core.policy_table import ValidatedPolicy, validate_policy
+from skiros2_learning.core.pools import Workers
 from skiros2_learning.core.report import describe, status_lines, write_report
 from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.study import LearningStudy
@@ -53,12 +54,12 @@ class Progress:
 
 
 def run_study(
-    study: LearningStudy, workers: int, requeue: bool = True, confirmed: bool = False, validated: bool = True
+    study: LearningStudy, workers: Workers, requeue: bool = True, confirmed: bool = False, validated: bool = True
 ) -> CommandResult:
     """Runs a study until its budget is used up, validates it, and writes the report. Ctrl-C keeps all finished
     evaluations.
 
-    :param workers: processes; a real robot is used by this one only.
+    :param workers: see `Workers`; a real robot is used by this one only.
     :param requeue: whether to repeat interrupted evaluations at once.
     :param confirmed: whether executions on a real robot start without asking the operator.
     :param validated: whether to validate the study.
@@ -88,7 +89,7 @@ def run_study(
     return CommandResult([*status_lines(study), sampling, f"report: {report}"])
 
 
-def validate_study(study: LearningStudy, workers: int, confirmed: bool = False) -> CommandResult:
+def validate_study(study: LearningStudy, workers: Workers, confirmed: bool = False) -> CommandResult:
     """Validates a study, and writes the report. Arguments as of `run_study`."""
     with ExitStack() as stack:
         repeat, _ = _executor(study, stack, workers, confirmed)
@@ -99,7 +100,7 @@ def validate_study(study: LearningStudy, workers: int, confirmed: bool = False) 
     return CommandResult([*validation_lines(study.scenario, found), f"report: {report}"], found.to_json())
 
 
-def validate_variations(folder: Path, workers: int) -> CommandResult:
+def validate_variations(folder: Path, workers: Workers) -> CommandResult:
     """Validates the policy of learned variations, and stores it in their folder.
 
     :raises Refused: there are too few results, or they are of a real robot, which does not change the task.
@@ -150,7 +151,9 @@ def cost_text(scenario: Scenario, workers: int) -> str:
     return f"{text}, {spent:.2g} s each: about {minutes:.2g} min with {workers} processes"
 
 
-def _executor(study: LearningStudy, stack: ExitStack, workers: int, confirmed: bool) -> tuple[Repeat, Execution | None]:
+def _executor(
+    study: LearningStudy, stack: ExitStack, workers: Workers, confirmed: bool
+) -> tuple[Repeat, Execution | None]:
     """Returns what makes executions, and the execution of a real robot; None in simulation."""
     if not study.scenario.is_real:
         return stack.enter_context(repeat_in_processes(study.scenario, workers)), None

@@ -1,4 +1,4 @@
-"""Runs the evaluations of a study in parallel processes.
+"""Runs the evaluations of a study in parallel processes, of this machine or of a cluster.
 
 Each process evaluates one configuration after another. One that dies is replaced, and its evaluation repeated; a
 second death on the same evaluation is its result. One that takes too long is killed. The coordinator, this process,
@@ -8,24 +8,24 @@ asks the sampler and stores the results.
 from __future__ import annotations
 
 import logging
-import multiprocessing
 import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from pebble import ProcessExpired, ProcessFuture, ProcessPool
+from pebble import ProcessExpired
 
-from skiros2_learning.core.evaluation import Evaluation, Execution, Outcome, evaluate
+from skiros2_learning.core.evaluation import Evaluation, Execution, Outcome, Unavailable, evaluate
+from skiros2_learning.core.pools import Pool, Workers, open_pool
 from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.storage import StorageFailed
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.validation import Execute, Repeat
 from skiros2_learning.core.variables import Value
 from skiros2_learning.core.versions import note_versions
-from skiros2_learning.core.worker_process import begin, run, run_repetition
+from skiros2_learning.core.worker_process import run, run_repetition
 
 log = logging.getLogger(__name__)
 
@@ -49,15 +49,15 @@ class Job:
 class Runner:
     """Runs a study until its budget is used up.
 
-    :param count: number of processes.
+    :param workers: see `Workers`.
     :param report: called after each evaluation.
     """
 
-    def __init__(self, study: LearningStudy, count: int, report: Report = lambda number, result: None) -> None:
+    def __init__(self, study: LearningStudy, workers: Workers, report: Report = lambda number, result: None) -> None:
         self._study = study
-        self._count = count
+        self._workers = workers
         self._report = report
-        self._running: dict[ProcessFuture[Evaluation], Job] = {}
+        self._running: dict[Future[Evaluation], Job] = {}
         self._repeated: list[Job] = []
         #: Time (s) that the sampler has taken.
         self.sampling_time = 0.0
@@ -67,35 +67,33 @@ class Runner:
         were running are repeated by the next run.
 
         :raises StorageFailed: finished evaluations are kept; see `LearningStudy.keep`.
+        :raises Unavailable: the cluster is gone; as with `KeyboardInterrupt`.
         """
-        scenario = self._study.scenario
         note_versions(self._study)
-        # with `spawn`, a process shares nothing with this one
-        context = multiprocessing.get_context("spawn")
-        pool = ProcessPool(self._count, context=context, initializer=begin, initargs=(scenario,))
         try:
-            while True:
-                while len(self._running) < self._count and (job := self._next_job()) is not None:
-                    job.attempts += 1
-                    future = pool.schedule(run, (job.configuration, job.seed), timeout=scenario.timeout)
-                    self._running[future] = job
-                if not self._running:
-                    return
-                wait(self._running, timeout=0.2, return_when=FIRST_COMPLETED)
-                for future in [each for each in self._running if each.done()]:
-                    self._end(self._running.pop(future), future)
-                self._study.beat()
+            with open_pool(self._study.scenario, self._workers) as pool:
+                while self._start_jobs(pool):
+                    wait(self._running, timeout=0.2, return_when=FIRST_COMPLETED)
+                    for future in [each for each in self._running if each.done()]:
+                        self._end(self._running.pop(future), future)
+                    self._study.beat()
         except StorageFailed:
             for future, job in self._running.items():
-                if future.done() and future.exception() is None:
+                if future.done() and not future.cancelled() and future.exception() is None:
                     self._study.keep(job.number, future.result())
             raise
         finally:
-            pool.stop()  # type: ignore[no-untyped-call]
-            pool.join()
             self._running.clear()
             self._repeated.clear()
             self._study.release()
+
+    def _start_jobs(self, pool: Pool) -> bool:
+        """Has as many jobs run as the pool can. Returns whether one runs."""
+        while len(self._running) < max(1, pool.count) and (job := self._next_job()) is not None:
+            job.attempts += 1
+            arguments = (job.configuration, job.seed)
+            self._running[pool.schedule(run, arguments, self._study.scenario.timeout)] = job
+        return bool(self._running)
 
     def _next_job(self) -> Job | None:
         if self._repeated:
@@ -107,7 +105,7 @@ class Runner:
         self.sampling_time += time.monotonic() - begin
         return job
 
-    def _end(self, job: Job, future: ProcessFuture[Evaluation]) -> None:
+    def _end(self, job: Job, future: Future[Evaluation]) -> None:
         """Stores a result, or repeats the evaluation of a process that has died."""
         try:
             result: Evaluation = future.result()
@@ -121,6 +119,10 @@ class Runner:
                 return
             text = f"its process died {ATTEMPTS} times ({ended})"
             result = Evaluation(job.configuration, job.seed, error=text)
+        except CancelledError as error:
+            raise _cluster_gone(error) from error
+        except Exception as error:  # the cluster has given it up
+            result = Evaluation(job.configuration, job.seed, error=f"{type(error).__name__}: {error}")
         self._study.tell(job.number, result)
         self._report(job.number, result)
 
@@ -157,20 +159,22 @@ class OneByOne:
 
 
 @contextmanager
-def repeat_in_processes(scenario: Scenario, count: int) -> Iterator[Repeat]:
+def repeat_in_processes(scenario: Scenario, workers: Workers) -> Iterator[Repeat]:
     """Gives a function that makes executions in parallel processes, which end with the `with` block. Each execution has
     the timeout of an evaluation, and is made again if its process dies.
 
-    :param count: number of processes.
+    :param workers: see `Workers`; `Unavailable` is raised if the cluster is gone.
     """
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPool(count, context=context, initializer=begin, initargs=(scenario,))  # they start when needed
+    with open_pool(scenario, workers) as pool:
+        yield _repeat_in(pool, scenario)
 
-    def start(job: Execute) -> ProcessFuture[Outcome]:
+
+def _repeat_in(pool: Pool, scenario: Scenario) -> Repeat:
+    def start(job: Execute) -> Future[Outcome]:
         arguments = (job.configuration, job.seed, job.index, job.variation)
-        return pool.schedule(run_repetition, arguments, timeout=scenario.timeout)
+        return pool.schedule(run_repetition, arguments, scenario.timeout)
 
-    def outcome(job: Execute, future: ProcessFuture[Outcome]) -> Outcome:
+    def outcome(job: Execute, future: Future[Outcome]) -> Outcome:
         for attempt in range(1, ATTEMPTS + 1):
             try:
                 return future.result()
@@ -179,6 +183,10 @@ def repeat_in_processes(scenario: Scenario, count: int) -> Iterator[Repeat]:
             except ProcessExpired as error:
                 ended = _ended(error)
                 log.warning("repetition %d: its process has died (%s), attempt %d", job.index, ended, attempt)
+            except CancelledError as error:
+                raise _cluster_gone(error) from error
+            except Exception as error:  # the cluster has given it up
+                return f"{type(error).__name__}: {error}"
             if attempt < ATTEMPTS:
                 future = start(job)
         return f"its process died {ATTEMPTS} times ({ended})"
@@ -187,11 +195,11 @@ def repeat_in_processes(scenario: Scenario, count: int) -> Iterator[Repeat]:
         started = [(job, start(job)) for job in jobs]
         return (outcome(*each) for each in started)
 
-    try:
-        yield repeat
-    finally:
-        pool.stop()  # type: ignore[no-untyped-call]
-        pool.join()
+    return repeat
+
+
+def _cluster_gone(error: CancelledError) -> Unavailable:
+    return Unavailable(f"the cluster is gone ({error}); what was not finished is repeated by the next run")
 
 
 def _late(scenario: Scenario) -> str:

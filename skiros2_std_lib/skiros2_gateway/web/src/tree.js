@@ -159,7 +159,9 @@ export class TreeView {
 
   // The name of a node for people: a task's number says nothing. The details have type and processor.
   #name(shape, index) {
-    return index || this.run.summary?.name === undefined ? shape.names[index] : this.run.summary.name;
+    if (!index && this.run.summary) return this.run.summary.name;
+    const symbol = ` ${shape.processors[index]}`; // of control-flow nodes: parallel |fs|
+    return symbol !== " " && shape.names[index].endsWith(symbol) ? shape.names[index].slice(0, -symbol.length) : shape.names[index];
   }
 
   #click(event) {

@@ -83,7 +83,7 @@ def _state(cell: OtherCell) -> dict[str, Any]:
         found["alarms"] = sum(not alarm.get("acknowledged") for alarm in alarms)
         found["is_up"] = True
     except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
-        found["text"] = str(error)[:200] or "it does not answer"
+        found["text"] = str(getattr(error, "reason", error))[:200] or "it does not answer"
     return found
 
 

@@ -126,6 +126,28 @@ def test_robots_reach_goal_in_parallel(cell: Make) -> None:
     assert goals[-1] and goals[-1] != goals[0], "another goal has another one"
 
 
+@pytest.mark.parametrize("is_released", [True, False])
+def test_goal_waits_for_a_device_whose_release_is_late(
+    processes: EngineProcesses, monkeypatch: pytest.MonkeyPatch, is_released: bool
+) -> None:
+    monkeypatch.setattr("skiros2_task.core.goal_planning._RELEASE_TIME", 10.0 if is_released else 0.3)
+    world = PlanningWorld()
+    camera = world.thing("skiros:DepthCamera", StateProperty="Busy", LockedBy="/alpha", Power="Off")
+    idle = prop("Device", "skiros:StateProperty", "=", "Idle")
+    switch_on = prop("Device", "skiros:Power", "=", "On")
+    world.robot("alpha", skill("SwitchOn", [("Device", "sumo:Device", REQUIRED)], [idle], [switch_on]))
+    busy = Cell(world, processes)
+    request = busy.achieve(f"(skiros:Power_On {camera})")
+    assert not request.wait_for(lambda: False, 0.1)
+    if is_released:
+        device = world.wm.get_element(camera)
+        device.setProperty("skiros:StateProperty", "Idle")
+        device.removeProperty("skiros:LockedBy")
+        world.wm.update_element(device)
+    assert request.end.verdict is (Verdict.PLANNED if is_released else Verdict.IMPOSSIBLE)
+    busy.executor.close()
+
+
 def test_changed_world_causes_replan_which_is_searched_while_the_world_settles(
     cell: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:

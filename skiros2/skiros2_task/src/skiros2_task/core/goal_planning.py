@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Iterable
 from functools import partial
 
@@ -23,6 +24,10 @@ def internal_error(error: Exception) -> str:
     """Logs an unexpected exception. Returns its text."""
     log.error("executing a goal", exc_info=error)
     return f"internal error: {type(error).__name__}: {error}"
+
+
+#: How long a device that a robot holds may still be released, and how often that is looked at (s).
+_RELEASE_TIME, _RELEASE_PERIOD = 3.0, 0.2
 
 
 def read_task(planner: TaskPlanner, execution: GoalExecution) -> PlanningTask | SkirosError:
@@ -50,16 +55,37 @@ def make_plan(
 ) -> tuple[PlanningTask | None, PlanningResult]:
     """Plans first with the robots that are free and the skills that have not failed, then with all.
 
+    Without a plan, it waits for devices that no step of a goal holds any more: a release is repeated after 1 s.
+
     :param busy: the managers that other goals use.
     :returns: the task for the current world, None if the goal cannot be read; and the result.
     """
     lost = frozenset((manager, "") for manager in command.lost)
     preferred = _avoided(command, busy)
+    may_wait = not command.running and not busy and _are_locked(planner)
     for avoided in (preferred, lost) if preferred != lost else (lost,):
         task, result = _result(planner, execution, command.running, avoided)
         if result.verdict in GOOD or result.verdict is Verdict.CANCELLED:
             break
+    if may_wait and result.verdict is Verdict.IMPOSSIBLE and _are_released(planner, execution):
+        return make_plan(planner, execution, command, busy)
     return task, result
+
+
+def _are_locked(planner: TaskPlanner) -> bool:
+    try:
+        return planner.has_locked_devices()
+    except SkirosError:  # planning reports it
+        return False
+
+
+def _are_released(planner: TaskPlanner, execution: GoalExecution) -> bool:
+    """Waits until no robot holds a device. Returns whether that is so."""
+    deadline = time.monotonic() + _RELEASE_TIME
+    while _are_locked(planner):
+        if execution.cancelled.wait(_RELEASE_PERIOD) or time.monotonic() > deadline:
+            return False
+    return True
 
 
 def _avoided(command: MakePlan, busy: frozenset[str]) -> frozenset[tuple[str, str]]:

@@ -14,6 +14,7 @@ from typing import Any
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.manager_names import same_node
 from skiros2_common.core.world_model_port import WorldModelPort
+from skiros2_skill.core.engine.devices import DEVICE_HOLDER
 from skiros2_task.core.actions import condition_predicates, make_actions
 from skiros2_task.core.compiler import make_task, note_of_empty_class
 from skiros2_task.core.engines import LOG_FILE, PLAN_FILE, FoundPlan, Limits, Outcome, PlannerAnswer
@@ -257,6 +258,13 @@ class TaskPlanner:
         task = adapt(make_task(world, _read(goal, world)))
         if not task.satisfied and not _why_impossible(task, world):
             engine.solve_ahead(task, limits or self._limits, cancelled)
+
+    def has_locked_devices(self) -> bool:
+        """Whether a robot holds a device.
+
+        :raises WmException: the world model does not answer.
+        """
+        return any(each.hasProperty(DEVICE_HOLDER) for each in self._view().objects.values())
 
     def read_task(self, goal: str) -> PlanningTask:
         """Returns the planning task for a goal in the current world.

@@ -36,9 +36,9 @@ class Agent:
         """Calls a tool; returns its data, which are an error's if it has a `code`."""
         result = await self.client.call_tool(tool, arguments)
         assert result.is_error == ("code" in result.structured_content)
-        if not self.schemas:
-            self.schemas = {each.name: each.output_schema for each in (await self.client.list_tools()).tools}
-        if not result.is_error:
+        if not result.is_error:  # an agent whose access has ended sees no tools
+            if not self.schemas:
+                self.schemas = {each.name: each.output_schema for each in (await self.client.list_tools()).tools}
             schema = self.schemas[tool]
             assert schema["type"] == "object"
             jsonschema.validate(result.structured_content, schema)

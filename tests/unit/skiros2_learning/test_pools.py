@@ -26,9 +26,10 @@ TEXT = scenario_text("parabola", "EXECUTION", evaluations=6, initial=3, settings
 
 
 @contextmanager
-def cluster() -> Iterator[Any]:
+def cluster(folder: Path) -> Iterator[Any]:
     """Two workers with one thread each."""
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as found:
+    options = {"dashboard_address": ":0", "local_directory": str(folder)}
+    with LocalCluster(n_workers=2, threads_per_worker=1, **options) as found:
         yield found
 
 
@@ -37,8 +38,8 @@ def address(found: Any) -> str:
 
 
 @pytest.fixture(scope="module")
-def dask() -> Iterator[str]:
-    with cluster() as found:
+def dask(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with cluster(tmp_path_factory.mktemp("dask")) as found:
         yield address(found)
 
 
@@ -85,7 +86,7 @@ def test_processes_that_die_again_or_hang_are_results_with_a_reason(tmp_path: Pa
 
 @pytest.mark.long
 def test_other_workers_take_over_from_one_that_is_killed(tmp_path: Path) -> None:
-    with cluster() as found:
+    with cluster(tmp_path) as found:
 
         def kill(number: int, result: Evaluation) -> None:
             if not killed:
@@ -102,7 +103,7 @@ def test_other_workers_take_over_from_one_that_is_killed(tmp_path: Path) -> None
 def test_study_continues_after_its_cluster_has_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pools, "_TIMEOUT", 10.0)
     study = LearningStudy.create(scenario(tmp_path), tmp_path / "study")
-    with cluster() as found:
+    with cluster(tmp_path) as found:
 
         def end(number: int, result: Evaluation) -> None:
             if study.counted == 2:
@@ -114,6 +115,22 @@ def test_study_continues_after_its_cluster_has_gone(tmp_path: Path, monkeypatch:
     again.requeue_interrupted()
     Runner(again, 1).run()
     assert [result.error for result in again.results().values()] == [""] * 6
+
+
+@pytest.mark.long
+def test_cluster_without_workers_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pools, "_TIMEOUT", 10.0)
+    plan = scenario(tmp_path)
+    study = LearningStudy.create(plan, tmp_path / "study")
+    with cluster(tmp_path) as found:
+        with pytest.raises(Unavailable, match="the cluster has no worker"):
+            Runner(study, address(found), lambda number, result: found.scale(0)).run()
+        study.requeue_interrupted()
+        Runner(study, 1).run()
+        found.scale(1)
+        with repeat_in_processes(plan, address(found)) as repeat, pytest.raises(Unavailable):
+            found.scale(0)
+            validate(study, repeat)
 
 
 def test_scheduler_that_does_not_answer_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

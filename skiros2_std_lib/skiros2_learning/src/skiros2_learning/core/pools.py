@@ -9,6 +9,7 @@ import importlib.util
 import multiprocessing
 import pickle
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager, suppress
@@ -34,7 +35,10 @@ class Pool(Protocol):
 
     @property
     def count(self) -> int:
-        """How many can run at once; may change."""
+        """How many can run at once; may change. To be asked about once a second.
+
+        :raises Unavailable: the cluster has had no worker for 30 s.
+        """
 
     def schedule(self, function: Callable[..., Any], arguments: Sequence[Any], timeout: float) -> Future[Any]:
         """Starts a call. Its future has the result, or `TimeoutError`, `ProcessExpired`, or `Exception` if a cluster
@@ -102,12 +106,18 @@ class _Cluster:
         self._client = client
         self._executor = client.get_executor(pure=False)
         self._scenario = pickle.dumps(scenario)
+        self._last_worker = time.monotonic()
 
     @property
     def count(self) -> int:
+        found = 0
         with suppress(OSError, TimeoutError, CancelledError):
-            return sum(self._client.nthreads().values())
-        return 0
+            found = sum(self._client.nthreads().values())
+        if found:
+            self._last_worker = time.monotonic()
+        elif time.monotonic() - self._last_worker > _TIMEOUT:
+            raise Unavailable("the cluster has no worker; what was not finished is repeated by the next run")
+        return found
 
     def schedule(self, function: Callable[..., Any], arguments: Sequence[Any], timeout: float) -> Future[Any]:
         future: Future[Any] = self._executor.submit(_on_worker, self._scenario, function, arguments, timeout)

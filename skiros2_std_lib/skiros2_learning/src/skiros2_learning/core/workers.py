@@ -177,6 +177,8 @@ def _repeat_in(pool: Pool, scenario: Scenario) -> Repeat:
     def outcome(job: Execute, future: Future[Outcome]) -> Outcome:
         for attempt in range(1, ATTEMPTS + 1):
             try:
+                while not wait([future], timeout=1.0).done:
+                    _ = pool.count  # raises when no worker is left
                 return future.result()
             except TimeoutError:
                 return _late(scenario)
@@ -185,6 +187,8 @@ def _repeat_in(pool: Pool, scenario: Scenario) -> Repeat:
                 log.warning("repetition %d: its process has died (%s), attempt %d", job.index, ended, attempt)
             except CancelledError as error:
                 raise _cluster_gone(error) from error
+            except Unavailable:
+                raise
             except Exception as error:  # the cluster has given it up
                 return f"{type(error).__name__}: {error}"
             if attempt < ATTEMPTS:

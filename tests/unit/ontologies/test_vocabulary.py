@@ -66,6 +66,7 @@ OURS = {
     "skiros:WorkMasterDefinition",
     "skiros:ParameterSet",
     "skiros:Feature",
+    "skiros:NeverRegion",
     "skiros:ParamDataType",
     "skiros:Prior",
     "skiros:Mean",

@@ -312,6 +312,7 @@ def test_stiffness_and_damping_of_a_controller_with_topics_are_sent_in_its_messa
     wait_until(lambda: driver.dampings, WAIT, "damping factors")
     assert driver.dampings[-1].force.x == pytest.approx(1.5)
     assert driver.dampings[-1].force.z == pytest.approx(2.0), "its maximum"
+    wait_until(lambda: driver.stiffnesses[-1].wrench.force.z > 1000.0, WAIT, "the stiffness, on a topic of its own")
     sent = driver.stiffnesses[-1].wrench
     assert (sent.force.z, sent.torque.z) == pytest.approx((1500.0, 100.0), rel=0.02), "its maxima, along the base"
 

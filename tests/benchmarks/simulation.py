@@ -74,8 +74,8 @@ def _measure_node(ros: Ros, folder: Path) -> Iterator[Measurement]:
     peer = _Bare(scene)
     step(steps=SECOND)
     for pictures in (0, PICTURES):
-        seen = ros.messages(scene.robots[0].cameras[0].rgb_topic, Image) if pictures else None
-        if seen is not None:
+        if pictures:
+            seen = ros.messages(scene.robots[0].cameras[0].rgb_topic, Image).connected()
             step(steps=SECOND)
             seen.wait_for()
         name = "a simulated second of the node" + (f", with {pictures} pictures" if pictures else "")

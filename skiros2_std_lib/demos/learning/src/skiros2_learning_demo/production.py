@@ -19,7 +19,7 @@ from skiros2_learning.core.parameter_sets import apply_result
 from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.validation import Sample
 from skiros2_msgs.srv import ResourceGetDescriptions
-from skiros2_runs.core.states import SUCCESS
+from skiros2_runs.core.states import NodeState
 from skiros2_skill.core.engine.learned_parameters import VALUE
 from skiros2_std_reasoners.core.scene_poses import pose_in_scene
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
@@ -79,7 +79,7 @@ def produce(
 
 def _proof(run: Run, result: Evaluation) -> list[Finding]:
     pushes = [skill for skill in run.skills() if skill.type == "skiros:Push"]
-    states = [skill.state for skill in pushes]
+    states = [NodeState(skill.state) for skill in pushes]
     ended = f"ended with {', '.join(state.name.lower() for state in states)}" if states else "did not run"
     scene = run.world()
     elements = [element for node in scene if (element := scene.element(node.id)) is not None]
@@ -90,7 +90,7 @@ def _proof(run: Run, result: Evaluation) -> list[Finding]:
         for key, value in wanted.items()
     )
     return [
-        Finding(states == [SUCCESS], f"in the bag, Push {ended}"),
+        Finding(states == [NodeState.SUCCESS], f"in the bag, Push {ended}"),
         Finding(same, "in the bag, the world model has the learned values"),
     ]
 

@@ -58,7 +58,7 @@ def measure(folder: Path) -> Iterator[Measurement]:
 
 
 class _Past:
-    """A world model with a journal of so many entries."""
+    """A world model with a journal with a number of entries."""
 
     def __init__(self, path: Path, folder: Path, entries: int) -> None:
         self._path, self._folder = path, folder
@@ -81,7 +81,7 @@ class _Past:
         return 1e3 * _seconds(lambda: self._model.history.changes(eid, limit=LATEST))
 
     def difference(self) -> float:
-        """The difference between now and so many entries ago (ms)."""
+        """The difference between now and a number of entries ago (ms)."""
         history, now = self._model.history, self._model.number
         return 1e3 * _seconds(lambda: history.difference(since=now - RECENT))
 
@@ -99,7 +99,7 @@ class _Past:
         return WorldModel(source_ontologies(), self._folder, journal=journal)
 
     def _write(self, entries: int) -> None:
-        """Adds the rows of so many updates of random elements, and closes the journal."""
+        """Adds the rows of a number of updates of random elements, and closes the journal."""
         journal = self._model._journal
         assert journal is not None
         first, now = self._model.number + 1, time.time()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from typing import Any
 
 import pytest
 
@@ -97,6 +98,19 @@ class KeepingArm(SimulatedArm):
         return kept
 
 
+def plugged(made: ConnectorCell, pause: Callable[[int], int]) -> Any:
+    """Plugs in, with pauses (steps of the simulation) that depend on the number of the tick. Returns the task."""
+    task, hold = made.plug_into_socket(), made.hold()
+    for tick in range(400):
+        task.tick()
+        hold.tick()
+        if task.state is not State.Running:
+            break
+        made.world.step(pause(tick))
+    assert task.state is State.Success, task.why
+    return task
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("late", [300, 500])
 def test_plug_does_not_hit_the_floor_when_ticks_are_late(
@@ -104,14 +118,7 @@ def test_plug_does_not_hit_the_floor_when_ticks_are_late(
 ) -> None:
     monkeypatch.setattr(connector_cell, "SimulatedArm", KeepingArm)
     made = cell()
-    task, hold = made.plug_into_socket(), made.hold()
-    for number in range(400):
-        task.tick()
-        hold.tick()
-        if task.state is not State.Running:
-            break
-        made.world.step(late if number % 5 == 0 else 40)
-    assert task.state is State.Success, task.why
+    task = plugged(made, lambda tick: late if tick % 5 == 0 else 40)
     (peak,) = (node.params["PeakForce"].value for node in task.nodes() if node.label == "plug_in")
     assert peak < 35.0
 
@@ -122,14 +129,7 @@ def test_click_is_felt_at_late_ticks_by_an_arm_that_keeps_no_states(
     cell: MakeCell, late: int, caplog: pytest.LogCaptureFixture
 ) -> None:
     made = cell()
-    task, hold = made.plug_into_socket(), made.hold()
-    for _ in range(400):
-        task.tick()
-        hold.tick()
-        if task.state is not State.Running:
-            break
-        made.world.step(late)
-    assert task.state is State.Success, task.why
+    task = plugged(made, lambda tick: late)
     assert signature(task)[0] == pytest.approx(LATCH_FORCE, abs=1.0)
     assert "keeps no states between ticks" in caplog.text
 

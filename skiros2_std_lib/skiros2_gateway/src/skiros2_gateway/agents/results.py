@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, Field, TypeAdapter
 
-from skiros2_gateway.http.models import ElementData, JobEvent, Table
+from skiros2_gateway.http.models import ElementData, JobEvent, Plan, Table
 
 
 class Skill(BaseModel):
@@ -48,17 +48,6 @@ class Start(BaseModel):
     values: dict[str, Any] = Field(description="of all parameters; elements by their ids")
     changes: list[str] = Field(description="what is expected to change, a line each")
     why: dict[str, Any] | None = Field(description="why it would not start")
-
-
-class Plan(BaseModel):
-    """A plan, or why there is none. `makespan` in s."""
-
-    state: str
-    message: str
-    plan: list[dict[str, Any]]
-    makespan: float = 0.0
-    why: Any = None
-    notes: list[str] = []
 
 
 class Preview(BaseModel):

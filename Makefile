@@ -45,6 +45,7 @@ test: setup  ## run every test (pytest's own choice: .venv/bin/python3 -m pytest
 
 # One after the other: these measure times and load the machine themselves. Their tests state their own time limits.
 test-long: setup  ## run the long tests: kills, soak, schemas, attacks, other runs of the demos (PYTEST_ARGS="-k NAME" selects)
+	@.ci/setup optimisers
 	@exec .ci/in_ros $(python) -m pytest --numprocesses 0 -o timeout=3600 -m long tests/long tests $(PYTEST_ARGS)
 
 # Each of pytest's processes would otherwise compile all tests at the same time.
@@ -74,6 +75,7 @@ bench-insertion: setup  ## insert the piston on a grid of errors, clearances, bo
 	@exec $(python) tests/benchmarks/insertion.py $(BENCH_ARGS)
 
 bench-learning: setup  ## compare optimisers of skill parameters (up to an hour; BENCH_ARGS=--short); write build/learning.json
+	@.ci/setup optimisers
 	@exec $(python) tests/benchmarks/learning.py $(BENCH_ARGS)
 
 bench-gateway: setup  ## measure the gateway: latency, 100 clients, kills, hostile requests (half an hour; BENCH_ARGS=--short); write build/gateway.json
@@ -82,10 +84,12 @@ bench-gateway: setup  ## measure the gateway: latency, 100 clients, kills, hosti
 # Versions stay as they are; UPGRADE=1 takes the newest that the .in files allow.
 lock:  ## compile requirements/*.in to *.txt, with the hashes of all files
 	@.ci/setup run
-	@cd requirements && for list in uv run core planner sim learning dev gateway page browser export bench docs; do \
+	@cd requirements && for list in uv run core planner sim learning dev gateway page browser export optimisers bench docs; do \
 		../.venv/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
 			--default-index https://pypi.org/simple --custom-compile-command "make lock" $(if $(UPGRADE),--upgrade) \
-			$$([ $$list != core ] || echo --constraint run.txt) $$list.in --output-file $$list.txt || exit; \
+			$$([ $$list != core ] || echo --constraint run.txt) \
+			$$([ $$list != optimisers ] || echo --find-links $${UV_FIND_LINKS:-https://download.pytorch.org/whl/cpu/torch/}) \
+			$$list.in --output-file $$list.txt || exit; \
 	done
 
 clean:  ## remove what was built and the tools' caches (the environment in .venv stays)

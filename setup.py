@@ -43,6 +43,7 @@ setup(
     extras_require={
         "sim": requirements("sim"),
         "learning": [*requirements("sim"), *requirements("learning")],
+        "optimisers": requirements("optimisers"),
         "bags": requirements("run"),
     },
 )

@@ -36,7 +36,12 @@ OUTSIDE = {
     "skiros2_learning": {
         "numpy",
         "scipy",
-        "optuna_integration",
+        "torch",
+        "botorch",
+        "gpytorch",
+        "linear_operator",
+        "smac",
+        "ConfigSpace",
         "threadpoolctl",
         "optuna",
         "sqlalchemy",

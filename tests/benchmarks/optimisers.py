@@ -72,7 +72,6 @@ def _samplers(known_one: Known | None) -> dict[str, Callable[[int], BaseSampler]
     """The optimisers that are installed, by name."""
     found: dict[str, Callable[[int], BaseSampler]] = {
         "random": lambda seed: RandomSampler(seed=seed),
-        "ours": lambda seed: PriorSampler(n_startup_trials=INITIAL, seed=seed),
         "TPE": lambda seed: TPESampler(n_startup_trials=INITIAL, multivariate=True, seed=seed),
     }
     if known_one is None:
@@ -84,21 +83,26 @@ def _samplers(known_one: Known | None) -> dict[str, Callable[[int], BaseSampler]
         found["Optuna's GP"] = lambda seed: GPSampler(
             n_startup_trials=INITIAL, seed=seed, deterministic_objective=not noise
         )
-    if find_spec("botorch") and find_spec("optuna_integration"):
-        found["BoTorch"] = _botorch
-    if known_one is not None and known_one.dimensions:
-        for kind in ("good", "wrong"):
-            found[f"ours, {kind} prior"] = lambda seed, kind=kind: PriorSampler(  # type: ignore[misc]
+    for name in ("ours", *(each for each in ("BoTorch", "SMAC") if find_spec(each.lower()))):
+        found[name] = lambda seed, name=name: _with_priors(name)(n_startup_trials=INITIAL, seed=seed)  # type: ignore[misc]
+        for kind in ("good", "wrong") if known_one is not None and known_one.dimensions else ():
+            found[f"{name}, {kind} prior"] = lambda seed, name=name, kind=kind: _with_priors(name)(  # type: ignore[misc]
                 _prior(known_one, kind), n_startup_trials=INITIAL, beta=EVALUATIONS / 10, seed=seed
             )
     return found
 
 
-def _botorch(seed: int) -> BaseSampler:
-    from optuna_integration import BoTorchSampler  # imports torch, which takes seconds
+def _with_priors(name: str) -> type[PriorSampler]:
+    """The sampler of that name, whose library is imported only now: it takes seconds."""
+    if name == "BoTorch":
+        from skiros2_learning.core.botorch_sampler import BoTorchSampler
 
-    made: BaseSampler = BoTorchSampler(n_startup_trials=INITIAL, seed=seed)
-    return made
+        return BoTorchSampler
+    if name == "SMAC":
+        from skiros2_learning.core.smac_sampler import SmacSampler
+
+        return SmacSampler
+    return PriorSampler
 
 
 def _prior(function: Known, kind: str) -> dict[str, Normal]:

@@ -49,7 +49,17 @@ def fits(configuration: dict[str, object]) -> bool:
     return configuration.keys() == expected
 
 
-@pytest.mark.parametrize("optimiser", ["prior", "tpe", "nsga2", "random", "qmc"])
+@pytest.mark.parametrize(
+    "optimiser",
+    [
+        "prior",
+        "tpe",
+        "nsga2",
+        "random",
+        "qmc",
+        *(pytest.param(each, marks=[pytest.mark.long, pytest.mark.timeout(900)]) for each in ("botorch", "smac")),
+    ],
+)
 def test_a_sampler_proposes_the_variables_that_exist_and_finds_the_better_branch(
     tmp_path: Path, optimiser: str
 ) -> None:

@@ -32,6 +32,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -142,8 +143,11 @@ class PriorSampler(BaseSampler):
         ended = [each for each in trials if each.state.is_finished()]
         running = [each for each in trials if each.state is TrialState.RUNNING]
         with threadpool_limits(1):  # the matrices are small: threads would cost more than they bring
-            acquisition = self._acquisition(space, study, complete, ended, running, random)
-            return space.values(self._maximised(space, acquisition, complete, random))
+            return self.suggested(Trials(space, study.directions, complete, ended, running, random))
+
+    def suggested(self, trials: Trials) -> dict[str, Any]:
+        """Returns the values of the next trial by name. Subclasses replace this, or only `improvement`."""
+        return trials.space.values(self._maximised(trials, self._acquisition(trials)))
 
     def _fitting(self, space: SearchSpace, points: Array) -> Array:
         """Returns the points that are allowed; all if none is."""
@@ -180,21 +184,28 @@ class PriorSampler(BaseSampler):
         close = means <= limit
         return [complete[i] for i in np.lexsort((np.where(close, values, means), ~close, ~_feasible(complete)))]
 
-    def _acquisition(
-        self,
-        space: SearchSpace,
-        study: Study,
-        complete: Sequence[FrozenTrial],
-        ended: Sequence[FrozenTrial],
-        running: Sequence[FrozenTrial],
-        random: np.random.Generator,
-    ) -> _Acquisition:
-        observed = space.points(complete)
-        values, noise = _scalarised(study.directions, complete, random)
-        feasible = _feasible(complete)
+    def improvement(self, trials: Trials, model: Surrogate) -> Callable[[Array], Array]:
+        """Returns a function that gives the logarithm of the improvement that is expected at points, shape (n,).
+
+        :param trials: of which at least one is feasible.
+        :param model: of the values, to be minimised; several objectives are scalarised.
+        """
+        best = float(model.predict(trials.observed[trials.feasible])[0].min())
+
+        def log_improvement(points: Array) -> Array:
+            mean, deviation = model.predict(points)
+            return np.log(deviation) + _log_improvement((best - mean) / deviation)
+
+        return log_improvement
+
+    def _acquisition(self, trials: Trials) -> _Acquisition:
+        space, complete, running, random = trials.space, trials.complete, trials.running, trials.random
+        observed = trials.observed
+        values, noise = _scalarised(trials.directions, complete, random)
         model: Surrogate | None = None
-        best = strength = 0.0
-        if feasible.any():
+        improvement = None
+        strength = 0.0
+        if trials.feasible.any():
             points = np.vstack([observed, space.points(running)]) if running else observed
             pending = np.zeros(len(running))
             model = fit_surrogate(
@@ -204,7 +215,7 @@ class PriorSampler(BaseSampler):
                 nominal=space.nominal,
                 noise=np.concatenate([noise, pending]),
             )
-            best = float(model.predict(observed[feasible])[0].min())
+            improvement = self.improvement(trials, model)
         if self._priors:
             strength = self._beta / max(1, len(complete) - self._startup + 1)
             if model is not None:
@@ -215,23 +226,17 @@ class PriorSampler(BaseSampler):
             )
             for name in sorted(set.intersection(*(set(each.constraints) for each in complete)))
         ]
-        tried = [each for each in ended if each.state in (TrialState.COMPLETE, TrialState.FAIL)]
+        tried = [each for each in trials.ended if each.state in (TrialState.COMPLETE, TrialState.FAIL)]
         works = None
         if len(tried) > len(complete):
             ends = np.array([float(each.state is TrialState.COMPLETE) for each in tried])
             works = fit_surrogate(space.points(tried), ends, random, nominal=space.nominal)
-        return _Acquisition(space, model, best, limits, works, strength)
+        return _Acquisition(space, improvement, limits, works, strength)
 
-    def _maximised(
-        self,
-        space: SearchSpace,
-        acquisition: _Acquisition,
-        complete: Sequence[FrozenTrial],
-        random: np.random.Generator,
-    ) -> Array:
+    def _maximised(self, trials: Trials, acquisition: _Acquisition) -> Array:
         """Returns the best candidate: from the prior, at random, and near good trials; the best ones are refined."""
+        space, random, observed = trials.space, trials.random, trials.observed
         third = _CANDIDATES // 3
-        observed = space.points(complete)
         good = observed[np.argsort(acquisition(observed))[::-1][:_REFINED]]
         close = space.near(good, third // len(good), 0.1, random)
         candidates = np.vstack([space.from_prior(third, random), space.uniform(third, random), close])
@@ -254,19 +259,45 @@ class PriorSampler(BaseSampler):
 
 
 @dataclass(frozen=True)
+class Trials:
+    """What a sampler knows before a trial.
+
+    :param complete: at least two, with values.
+    :param ended: also those that have failed or were pruned.
+    :param running: in other threads or processes.
+    :param random: numbers of this trial.
+    """
+
+    space: SearchSpace
+    directions: Sequence[StudyDirection]
+    complete: Sequence[FrozenTrial]
+    ended: Sequence[FrozenTrial]
+    running: Sequence[FrozenTrial]
+    random: np.random.Generator
+
+    @cached_property
+    def observed(self) -> Array:
+        """The points of the complete trials, shape (n, d)."""
+        return self.space.points(self.complete)
+
+    @cached_property
+    def feasible(self) -> npt.NDArray[np.bool_]:
+        """Whether the complete trials satisfy all constraints, shape (n,)."""
+        return _feasible(self.complete)
+
+
+@dataclass(frozen=True)
 class _Acquisition:
     """The logarithm of the acquisition: expected improvement, feasibility and prior.
 
-    :param model: None if no trial is feasible: then only feasibility and prior count.
-    :param best: the best mean of the model at a feasible trial.
+    :param improvement: None if no trial is feasible: then only feasibility and prior count.
     :param limits: models of the constraints, which hold at 0 or less: to be kept with a margin, since the
         optimum is often at a limit.
     :param works: model of whether a trial has a result, 1 or 0; None if none has failed.
     """
 
     space: SearchSpace
-    model: Surrogate | None
-    best: float
+    improvement: Callable[[Array], Array] | None
     limits: Sequence[Surrogate]
     works: Surrogate | None
     strength: float
@@ -275,9 +306,8 @@ class _Acquisition:
         total = np.zeros(len(points))
         if self.strength:
             total += self.strength * self.space.log_prior(points)
-        if self.model is not None:
-            mean, deviation = self.model.predict(points)
-            total += np.log(deviation) + _log_improvement((self.best - mean) / deviation)
+        if self.improvement is not None:
+            total += self.improvement(points)
         for limit in self.limits:
             mean, deviation = limit.predict(points)
             total += norm.logcdf(-mean / deviation - _MARGIN)
@@ -304,24 +334,30 @@ def _feasible(trials: Sequence[FrozenTrial]) -> npt.NDArray[np.bool_]:
 def _scalarised(
     directions: Sequence[StudyDirection], trials: Sequence[FrozenTrial], random: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Returns one value per trial, to be minimised, and the variance of its noise as far as it is known. Each objective
-    is warped; with several, they have random weights.
+    """Returns one value per trial, to be minimised, and the variance of its noise as far as it is known. Several
+    objectives have random weights.
 
     :param directions: of the first objectives, which count.
     """
-    signs = np.array([-1.0 if direction is StudyDirection.MAXIMIZE else 1.0 for direction in directions])
-    values = np.array([each.values[: len(directions)] for each in trials]) * signs
-    warped, slopes = map(np.column_stack, zip(*(_warped(column) for column in values.T), strict=True))
-    errors = _standard_errors(trials, len(directions)) * slopes
-    if values.shape[1] == 1:
+    warped, errors = warped_objectives(directions, trials)
+    if warped.shape[1] == 1:
         return warped[:, 0], errors[:, 0] ** 2
     low, high = warped.min(axis=0), warped.max(axis=0)
     spread = np.where(high > low, high - low, 1.0)
-    weights = random.dirichlet(np.ones(values.shape[1]))
+    weights = random.dirichlet(np.ones(warped.shape[1]))
     weighted = (warped - low) / spread * weights
     scalarised: Array = weighted.max(axis=1) + _AUGMENTATION * weighted.sum(axis=1)
     noise: Array = ((errors / spread * weights) ** 2).max(axis=1)
     return scalarised, noise
+
+
+def warped_objectives(directions: Sequence[StudyDirection], trials: Sequence[FrozenTrial]) -> tuple[Array, Array]:
+    """Returns the values of trials, to be minimised and warped to be closer to normal ones, and their standard errors,
+    0 where these are not known; both of shape (n, m)."""
+    signs = np.array([-1.0 if direction is StudyDirection.MAXIMIZE else 1.0 for direction in directions])
+    values = np.array([each.values[: len(directions)] for each in trials]) * signs
+    warped, slopes = map(np.column_stack, zip(*(_warped(column) for column in values.T), strict=True))
+    return warped, _standard_errors(trials, len(directions)) * slopes
 
 
 def _standard_errors(trials: Sequence[FrozenTrial], count: int) -> Array:

@@ -1,4 +1,4 @@
-"""The samplers that a scenario may name: that of this package, and those of Optuna and BoTorch."""
+"""The samplers that a scenario may name: that of this package, and those of Optuna, BoTorch and SMAC3."""
 
 from __future__ import annotations
 
@@ -16,13 +16,10 @@ from skiros2_learning.core.scenario import Optimiser, Scenario
 from skiros2_learning.core.search_space import Condition
 from skiros2_learning.core.variables import Gaussian, Samples, Variable, Weights
 
-#: What samplers need besides the packages for learning: modules, and what `pip install` takes.
-_PACKAGES: dict[Optimiser, tuple[tuple[str, ...], str]] = {
-    "cmaes": (("cmaes",), "cmaes"),
-    "gp": (("torch",), "torch"),
-    "optuna-gp": (("torch",), "torch"),
-    "botorch": (("optuna_integration", "botorch"), "optuna-integration botorch"),
-}
+#: Modules that samplers need besides the packages for learning: of requirements/optimisers.txt.
+_MODULES: dict[Optimiser, str] = {
+    "cmaes": "cmaes", "gp": "torch", "optuna-gp": "torch", "botorch": "botorch", "smac": "smac"
+}  # fmt: skip
 
 
 def distribution_of(variable: Variable) -> BaseDistribution:
@@ -51,34 +48,26 @@ def prior_of(variable: Variable) -> Prior | None:
 
 
 def make_sampler(scenario: Scenario) -> BaseSampler:
-    """Returns the sampler that a scenario names. Priors count in `prior` only.
+    """Returns the sampler that a scenario names. Priors count in `prior`, `botorch` and `smac`.
 
     :raises MissingPackage: it needs a package that is not installed; the text has the command that installs it.
     :raises ConfigurationError: it does not search for several objectives.
     """
     seed, initial, chosen = scenario.seed, scenario.budget.initial, scenario.optimiser
-    modules, packages = _PACKAGES.get(chosen, ((), ""))
     if chosen == "cmaes" and len(scenario.objectives) > 1:
         raise ConfigurationError("optimiser cmaes: expected one objective; take prior, tpe or nsga2 for several")
-    if missing := [module for module in modules if importlib.util.find_spec(module) is None]:
+    module = _MODULES.get(chosen)
+    if module is not None and importlib.util.find_spec(module) is None:
         raise MissingPackage(
-            f"optimiser {chosen} needs {', '.join(missing)}, see docs/learning.md: pip install {packages}"
+            f'optimiser {chosen} needs {module}; in the folder of SkiROS2: make setup FOR="learning optimisers"'
         )
-    conditions = conditions_of(scenario)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExperimentalWarning)
         match chosen:
-            case "prior":
-                priors = {v.name: prior for v in scenario.variables if (prior := prior_of(v)) is not None}
-                allowed = scenario.allows if scenario.restrictions else None
-                beta = max(1.0, scenario.budget.evaluations / 10)
-                space = {v.name: distribution_of(v) for v in scenario.variables} if conditions else None
-                return PriorSampler(
-                    priors, n_startup_trials=initial, beta=beta, seed=seed, allowed=allowed, space=space,
-                    conditions=conditions,
-                )  # fmt: skip
+            case "prior" | "botorch" | "smac":
+                return _prior_sampler(scenario)
             case "tpe":
-                group = bool(conditions)
+                group = bool(conditions_of(scenario))
                 return optuna.samplers.TPESampler(n_startup_trials=initial, multivariate=True, group=group, seed=seed)
             case "nsga2":
                 return optuna.samplers.NSGAIISampler(population_size=max(2, initial), seed=seed)
@@ -88,10 +77,24 @@ def make_sampler(scenario: Scenario) -> BaseSampler:
                 return optuna.samplers.CmaEsSampler(n_startup_trials=initial, seed=seed)
             case "gp" | "optuna-gp":
                 return optuna.samplers.GPSampler(n_startup_trials=initial, seed=seed)
-            case "botorch":
-                from optuna_integration import BoTorchSampler  # imports torch, which takes seconds
-
-                made: BaseSampler = BoTorchSampler(n_startup_trials=initial, consider_running_trials=True, seed=seed)
-                return made
             case "random":
                 return optuna.samplers.RandomSampler(seed=seed)
+
+
+def _prior_sampler(scenario: Scenario) -> BaseSampler:
+    """Returns the sampler with priors that a scenario names. Two of them import libraries that take seconds."""
+    made = PriorSampler
+    if scenario.optimiser == "botorch":
+        from skiros2_learning.core.botorch_sampler import BoTorchSampler as made
+    elif scenario.optimiser == "smac":
+        from skiros2_learning.core.smac_sampler import SmacSampler as made
+    conditions = conditions_of(scenario)
+    return made(
+        {v.name: prior for v in scenario.variables if (prior := prior_of(v)) is not None},
+        n_startup_trials=scenario.budget.initial,
+        beta=max(1.0, scenario.budget.evaluations / 10),
+        seed=scenario.seed,
+        allowed=scenario.allows if scenario.restrictions else None,
+        space={v.name: distribution_of(v) for v in scenario.variables} if conditions else None,
+        conditions=conditions,
+    )

@@ -49,7 +49,7 @@ from skiros2_learning.core.variations import Feature, variation_problems
 
 log = logging.getLogger(__name__)
 
-Optimiser = Literal["prior", "tpe", "nsga2", "random", "qmc", "cmaes", "optuna-gp", "gp", "botorch"]
+Optimiser = Literal["prior", "tpe", "nsga2", "random", "qmc", "cmaes", "optuna-gp", "gp", "botorch", "smac"]
 #: The samplers that a scenario may name; see `samplers.make_sampler`; `gp` is the older name of `optuna-gp`.
 OPTIMISERS: tuple[Optimiser, ...] = get_args(Optimiser)
 #: The layout of the file.

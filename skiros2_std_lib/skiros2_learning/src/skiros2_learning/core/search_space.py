@@ -97,6 +97,8 @@ class SearchSpace:
         self._distributions = dict(sorted(distributions.items()))
         self._priors = [priors.get(name) for name in self._distributions]
         self.nominal = [_is_nominal(distribution) for distribution in self._distributions.values()]
+        #: For each number of a point, how many values without an order it has; 0 if it is a number from 0 to 1.
+        self.choices = [_count(d) if _is_nominal(d) else 0 for d in self._distributions.values()]
         self.dimensions = len(self._distributions)
         self._tables: dict[int, tuple[Array, Array]] = {}
         names = list(self._distributions)

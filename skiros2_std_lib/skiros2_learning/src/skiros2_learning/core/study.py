@@ -44,7 +44,7 @@ SCENARIO_FILE, LOCK_FILE = "scenario.yaml", "lock"
 #: Results that could not be stored, one JSON object in each line; a file for each process.
 UNSAVED_FILES = "unsaved-*.jsonl"
 #: Optimisers whose random numbers depend on earlier ones: a resumed study must not draw the same ones again.
-_SAMPLERS_WITH_STATE = ("tpe", "nsga2", "random", "cmaes", "gp", "optuna-gp", "botorch")
+_SAMPLERS_WITH_STATE = ("tpe", "nsga2", "random", "cmaes", "gp", "optuna-gp")
 #: How long a database that does not answer is tried again (s), and how often.
 RECONNECT_TIMEOUT, _RECONNECT_PERIOD = 30.0, 1.0
 #: Parts of a scenario that may differ between the processes that run one study in a database.

@@ -30,6 +30,7 @@ from skiros2_world_model.core.reasoner_world_model import ReasonerWorldModel
 from skiros2_world_model.core.scene import ElementRecord
 from skiros2_world_model.core.validator import Validator
 from skiros2_world_model.core.world_model import WorldModel
+from skiros2_world_model.ros.element_answer import ElementAnswer, ElementBytes
 from skiros2_world_model.ros.last_will import LastWillService
 from skiros2_world_model.ros.ontology_server import (
     OntologyServices,
@@ -130,6 +131,7 @@ class WorldModelServer:
     def __init__(self, model: WorldModel) -> None:
         self._model = model
         self._messages: weakref.WeakKeyDictionary[Change, msgs.WmMonitor] = weakref.WeakKeyDictionary()
+        self._bytes = ElementBytes()
         self._monitor = ChangePublisher()
         with model.lock:
             snapshot, stamp = model.snapshot_id, rospy.Time.now()
@@ -159,7 +161,7 @@ class WorldModelServer:
         with self._model.lock:
             snapshot = self._model.snapshot_id
             elements = self._read(request)
-        return srvs.WmGetResponse(snapshot, [element2msg(e) for e in elements])
+        return ElementAnswer(snapshot, [self._bytes.of(e, request.context) for e in elements])
 
     def _read(self, request: srvs.WmGetRequest) -> list[Element]:
         reader, asked = self._model.reader, request.element

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from skiros2_common.core.errors import ConfigurationError
-from skiros2_skill.core.library.library import check_libraries
+from skiros2_skill.core.library.library_check import check_libraries
 
 SKILL = """
 from skiros2_common.core.primitive import PrimitiveBase

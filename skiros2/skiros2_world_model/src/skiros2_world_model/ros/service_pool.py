@@ -53,8 +53,8 @@ def read_error(text: str) -> WmException:
 
 
 _ANSWERED = re.compile(r"^service \[.*?\] responded with an error: (.*)$", re.DOTALL)
-#: The period of attempts to reach a server that does not answer (s).
-_RETRY_PERIOD = 0.1
+#: The pauses between attempts to reach a server that does not answer (s): short at first, as nodes start together.
+_FIRST_PAUSE, _LAST_PAUSE = 0.02, 0.1
 #: How long connecting may take at least (s).
 _CONNECT = 1.0
 
@@ -118,8 +118,9 @@ class ServicePool:
         :raises WmException: the server refuses (with its text), or does not answer.
         """
         start = time.monotonic()
-        deadline = start + self.timeout
+        deadline, pause = start + self.timeout, _FIRST_PAUSE
         while True:
+            pause = min(pause * 1.2, _LAST_PAUSE)
             proxy = self._take()
             try:
                 if proxy.transport is None:
@@ -139,10 +140,10 @@ class ServicePool:
                     raise WmException(
                         f"service {self._name} broke off: {error}; whether the request was carried out is not known"
                     ) from error
-                self._wait(deadline, error)
+                self._wait(deadline, pause, error)
             except rospy.exceptions.TransportException as error:
                 proxy.close()  # the request was not sent completely
-                self._wait(deadline, error)
+                self._wait(deadline, pause, error)
             except (rospy.ROSInterruptException, rospy.ROSSerializationException, UnicodeEncodeError) as error:
                 proxy.close()
                 raise WmException(f"service {self._name} was not called: {error}") from error
@@ -196,12 +197,12 @@ class ServicePool:
         with self._lock:
             self._idle.append(proxy)
 
-    def _wait(self, deadline: float, error: Exception) -> None:
-        """Waits before the next attempt to reach the server."""
+    def _wait(self, deadline: float, pause: float, error: Exception) -> None:
+        """Waits for a pause (s) before the next attempt to reach the server."""
         # "requested": also true in the shutdown hooks of nodes, which must not wait for a server that ends, too.
         if time.monotonic() > deadline or rospy.core.is_shutdown_requested():
             raise WmException(f"service {self._name} does not answer: {error}") from error
-        time.sleep(_RETRY_PERIOD)
+        time.sleep(pause)
 
 
 def _refusal(text: str) -> str | None:

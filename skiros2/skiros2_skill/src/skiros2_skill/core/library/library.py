@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import ast
 import builtins
 import logging
-import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from importlib.util import find_spec
-from pathlib import Path
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeAlias
 
 from skiros2_common.core.errors import FOREIGN_ERRORS, ConfigurationError, SkirosError, UnknownName
@@ -33,31 +29,20 @@ class Implementation:
         self._cls = cls
         self._wmi = wmi
         self._library = library
+        #: The Python module that defines the class.
+        self.module = cls.__module__
         self.declared: Any = self._create()
+        self.type, self.label = str(self.declared.type), str(self.declared.label)
         self.is_compound = isinstance(self.declared, SkillBase)
         #: Whether it is a compound with an `execute` of its own.
         self.runs_after_children = self.is_compound and type(self.declared).execute is not SkillBase.execute
         self._free: list[Any] = []
-        self._running = 0
-        self._lock = threading.Lock()
-
-    @property
-    def type(self) -> str:
-        return str(self.declared.type)
-
-    @property
-    def label(self) -> str:
-        return str(self.declared.label)
+        self._running: list[None] = []  # an entry for each; like `_free`, it needs no lock: append and pop are atomic
 
     @property
     def busy(self) -> bool:
         """Whether an instance is running."""
-        return self._running > 0
-
-    @property
-    def module(self) -> str:
-        """The Python module that defines the class."""
-        return self._cls.__module__
+        return bool(self._running)
 
     @property
     def cls(self) -> builtins.type:
@@ -68,21 +53,23 @@ class Implementation:
 
         :raises ConfigurationError: no instance can be created.
         """
-        with self._lock:
-            instance = self._free.pop() if self._free else None
-        return instance if instance is not None else self._create()
+        try:
+            return self._free.pop()
+        except IndexError:
+            return self._create()
 
     def release(self, instance: Any) -> None:
         """Returns an instance to the pool."""
         if isinstance(instance, SkillBase):
             instance.expands_into = None
-        with self._lock:
-            self._free.append(instance)
+        self._free.append(instance)
 
     def count(self, change: int) -> None:
         """Changes the number of running instances by 1 or -1."""
-        with self._lock:
-            self._running += change
+        if change > 0:
+            self._running.append(None)
+        else:
+            self._running.pop()
 
     def _create(self) -> Any:
         """Creates and loads an instance.
@@ -254,7 +241,7 @@ class SkillLibrary:
             found = self._matching(stype, label)
         if not found:
             raise UnknownName(self._no_such_skill(stype, label))
-        return sorted(found, key=lambda i: i.busy) if len(found) > 1 else found
+        return found if len(found) == 1 else sorted(found, key=lambda i: i.busy)
 
     def require_type(self, stype: str, label: str) -> None:
         """Checks that a type exists; the label may be unknown.
@@ -337,47 +324,3 @@ class SkillLibrary:
 
 def _full_name(cls: type) -> str:
     return f"{cls.__module__}.{cls.__name__}"
-
-
-def check_libraries(libraries: Sequence[str], names: Iterable[str]) -> None:
-    """Checks that libraries and skills exist, without loading skills.
-
-    Parses the sources, which is several times faster than importing them. Imports the libraries only when a name is not
-    found in the sources.
-
-    :param libraries: names of Python packages.
-    :param names: class names, optionally with their module.
-    :raises ConfigurationError: there is no such package, it cannot be imported, or no library has such a skill.
-    """
-    sources = [_source_files(library) for library in libraries]
-    if all(sources):
-        known = {name for files in sources for file in files for name in _class_names(file)}
-        if all(name.rpartition(".")[2] in known for name in names):
-            return
-    library = SkillLibrary(None)
-    library.import_libraries(libraries)
-    for name in names:
-        library.find(name)
-
-
-def _source_files(package: str) -> list[Path]:
-    """The Python files of a package and its subpackages; [] when there is no such package."""
-    try:
-        spec = find_spec(package)
-    except (ImportError, ValueError):
-        return []
-    if spec is None:
-        return []
-    if spec.submodule_search_locations is None:
-        return [Path(spec.origin)] if spec.origin else []
-    return [file for folder in spec.submodule_search_locations for file in Path(folder).rglob("*.py")]
-
-
-def _class_names(file: Path) -> Iterator[str]:
-    try:
-        tree = ast.parse(file.read_bytes())
-    except SyntaxError:  # loading logs it and skips the module
-        return
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ClassDef):
-            yield node.name

@@ -107,7 +107,7 @@ class TaskBreakpoints:
 
     def __bool__(self) -> bool:
         """Whether there is anything to check."""
-        return bool(self._reached or self._stopped is not None or self._breakpoints)
+        return bool(self._reached or self._stopped is not None or self._breakpoints._breakpoints)
 
     def ignore_all(self) -> None:
         """Ignores breakpoints from now on."""

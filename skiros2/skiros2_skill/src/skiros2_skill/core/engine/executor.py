@@ -2,6 +2,11 @@
 
 An executor belongs to one task and is used by one thread at a time. The parameters of running nodes are refreshed only
 when something has changed; see `Parameters`.
+
+A skill that starts and succeeds in one tick costs about 430 calls of Python functions, none of which takes more than a
+few percent: two thirds of the time are its start (most of that its parameters and pre-conditions), the rest its own
+`execute` and its end. Therefore hooks that a skill does not override are not called (see `is_default`), and its
+elements are only written when something has changed during the tick.
 """
 
 from __future__ import annotations
@@ -259,7 +264,7 @@ class Executor:
             if failure is not None:
                 self.hooks.fail(run, failure)
                 state = _FAILURE
-        if state is _SUCCESS and self.final.below(run.node).is_final:
+        if state is _SUCCESS and self.final and self.final.below(run.node).is_final:
             state = _FAILURE
         self.hooks.report_end(run, state, preempted)
         state = self.hooks.on_end(run, state, preempted)
@@ -336,5 +341,5 @@ class Executor:
         self.set_state(run.node, state)
 
     def _note_progress(self, run: SkillRun) -> None:
-        if run.has_progressed():
-            self.changed = True
+        if (instance := run.instance) is not None and instance.progressed_at > run.progressed_at:
+            self.changed, run.progressed_at = True, instance.progressed_at

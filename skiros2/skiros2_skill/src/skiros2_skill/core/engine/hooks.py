@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable
 from typing import Any
 
-from skiros2_common.core.abstract_skill import State, as_state
+from skiros2_common.core.abstract_skill import SkillCore, State, as_state
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
 from skiros2_common.core.explanation import EXCEPTION, EXECUTE, PREEMPT, START
 from skiros2_common.core.property import is_bool
@@ -126,6 +126,10 @@ class Hooks:
 
     def on_start(self, run: SkillRun) -> Any:
         """Expands the subtree and calls `onStart`. Returns the refusal, "" for none; `RAISED` when it raises."""
+        if not run.implementation.is_compound and is_default(run.instance.onStart, SkillCore.onStart):
+            if self.evidence.is_on:
+                self.evidence.hook(run, "onStart")
+            return ""
         with starting_in(self.task):
             refused = self.call(run, "onStart", lambda: refusal_text(run.start()), START_RAISED)
         if refused and refused is not RAISED:
@@ -149,6 +153,10 @@ class Hooks:
     def on_end(self, run: SkillRun, state: State, preempted: bool) -> State:
         """Calls `onEnd`. Returns the state after it, which may turn a success into a failure."""
         instance = run.instance
+        if is_default(instance.onEnd, SkillCore.onEnd):
+            if self.evidence.is_on:
+                self.evidence.hook(run, "onEnd")
+            return state
         progressed_at = instance.progressed_at
         secondary = preempted or state is not _SUCCESS
         answer = self.call(run, "onEnd", lambda: refusal_text(instance.onEnd()), EXECUTE_RAISED, secondary)
@@ -197,6 +205,12 @@ class Hooks:
             set_failure_reason(run, text, EXECUTE_RAISED)
         self._failures.record(run.node, _reported(run, EXECUTE, secondary or instance.fails_late))
         return _FAILURE
+
+
+def is_default(hook: Callable[[], Any], default: Callable[..., Any]) -> bool:
+    """Whether a hook is that of the base class, which does nothing: most skills override only `execute`, and a call
+    under the guard costs as much as all else that a hook needs."""
+    return getattr(hook, "__func__", None) is default
 
 
 def refusal_text(answer: Any) -> str:

@@ -191,7 +191,8 @@ class Parameters:
     def end(self, run: SkillRun) -> None:
         """Ends the refreshes of a run."""
         self._dependencies.remove(run)
-        self.evidence.end(run)
+        if self.evidence.is_on:
+            self.evidence.end(run)
         while run.watches:
             run.watches.pop()()
 
@@ -310,6 +311,9 @@ class Parameters:
 
     def write_back(self, run: SkillRun, state: State, version: int) -> Failure | None:
         """Same as `_write_back`. Returns the failure when the world model refuses or does not answer."""
+        is_current = local_revision.current == self.local_revision and version == self.world_version
+        if is_current and state is not State.Running and not assigned_elements(run.element_slots):
+            return None
         try:
             self.guard.call(run, "the writing of its elements", self._write_back, run, state, version)
         except SkirosError as error:

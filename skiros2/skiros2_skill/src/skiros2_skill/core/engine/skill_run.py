@@ -176,7 +176,7 @@ class FastPath:
     #: The parameters whose list of values the skill's code has got.
     exposed: Sequence[Param]
     instance: Any
-    #: When the instance had reported progress at the last `has_progressed` (s, monotonic).
+    #: When the instance had reported progress when the executor last looked (s, monotonic).
     progressed_at: float
     #: Of a running primitive: whether nothing has to be done before its next `execute`.
     skips_refresh: bool
@@ -362,14 +362,6 @@ class SkillRun(FastPath):
         if self.warning:
             message = f"{message} (warning: {self.warning})".lstrip()
         return Progress(source.progress_code, message, source.progress_period, source.progress_time)
-
-    def has_progressed(self) -> bool:
-        """Whether the instance has reported progress since the last call."""
-        instance = self.instance
-        if instance is None or instance.progressed_at <= self.progressed_at:
-            return False
-        self.progressed_at = instance.progressed_at
-        return True
 
 
 class EndedParams(ParamHandler):

@@ -76,6 +76,15 @@ def test_constraints_and_choices_are_respected(optimiser: str) -> None:
 
 
 @WITH_PRIORS
+def test_a_study_continues_after_all_choices_were_tried(optimiser: str) -> None:
+    study = optuna.create_study(sampler=sampler(optimiser, 3))
+    costs = {"walk": 1.0, "trot": 2.0, "crawl": 0.0, "jump": 4.0}
+    study.optimize(lambda trial: costs[trial.suggest_categorical("gait", list(costs))], n_trials=7)
+    assert {trial.params["gait"] for trial in study.trials} == set(costs)
+    assert len(study.trials) == 7
+
+
+@WITH_PRIORS
 def test_an_interrupted_study_continues_as_it_would_have(optimiser: str, tmp_path: Path) -> None:
     text = scenario_text("chance", "chance", evaluations=6, initial=3, optimiser=optimiser)
     found = []
@@ -91,12 +100,12 @@ def test_an_interrupted_study_continues_as_it_would_have(optimiser: str, tmp_pat
     assert found[0] == found[1]
 
 
-@pytest.mark.parametrize("optimiser", ["botorch", "smac", "optuna-gp", "cmaes"])
-def test_a_study_finds_the_best_value(optimiser: str, tmp_path: Path) -> None:
-    text = scenario_text("bowl", "bowl", "xyz", evaluations=20, initial=8, repetitions=1, optimiser=optimiser,
+@pytest.mark.parametrize(("optimiser", "count"), [("botorch", 20), ("smac", 20), ("optuna-gp", 20), ("cmaes", 80)])
+def test_a_study_finds_the_best_value(optimiser: str, count: int, tmp_path: Path) -> None:
+    text = scenario_text("bowl", "bowl", "xyz", evaluations=count, initial=8, repetitions=1, optimiser=optimiser,
                          settings="{best: {x: 0.2, y: 0.7, z: 0.5}}")  # fmt: skip
     study = LearningStudy.create(parse_scenario(text, tmp_path), tmp_path / "study")
-    for _ in range(20):
+    for _ in range(count):
         number, configuration, seed = study.ask()
         study.tell(number, evaluate(study.scenario, configuration, seed))
     assert study.result(study.ranked()[0]).objectives["cost"] < 0.02

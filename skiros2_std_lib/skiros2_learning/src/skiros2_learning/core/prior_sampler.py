@@ -139,11 +139,15 @@ class PriorSampler(BaseSampler):
             point = covering[trial.number]
             return space.values(self._fitting(space, np.vstack([point, space.from_prior(_CANDIDATES, random)]))[0])
         if len(complete) < 2:
-            return space.values(self._fitting(space, space.from_prior(_CANDIDATES, random))[0])
+            return self.drawn(space, random)
         ended = [each for each in trials if each.state.is_finished()]
         running = [each for each in trials if each.state is TrialState.RUNNING]
         with threadpool_limits(1):  # the matrices are small: threads would cost more than they bring
             return self.suggested(Trials(space, study.directions, complete, ended, running, random))
+
+    def drawn(self, space: SearchSpace, random: np.random.Generator) -> dict[str, Any]:
+        """Returns values from the prior, by name, that satisfy the constraints between variables if any do."""
+        return space.values(self._fitting(space, space.from_prior(_CANDIDATES, random))[0])
 
     def suggested(self, trials: Trials) -> dict[str, Any]:
         """Returns the values of the next trial by name. Subclasses replace this, or only `improvement`."""

@@ -9,6 +9,7 @@ counts as worse than all others, by its violation.
 from __future__ import annotations
 
 import logging
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,6 +18,7 @@ import numpy as np
 from ConfigSpace import CategoricalHyperparameter, Configuration, ConfigurationSpace, UniformFloatHyperparameter
 from smac import BlackBoxFacade, Scenario
 from smac.acquisition.function import EI, PriorAcquisitionFunction
+from smac.main.exceptions import ConfigurationSpaceExhaustedException
 from smac.multi_objective import ParEGO
 from smac.runhistory.dataclasses import TrialInfo, TrialValue
 
@@ -56,12 +58,12 @@ class SmacSampler(PriorSampler):
             for point, costs in zip(trials.observed, _costs(trials), strict=True):
                 info = TrialInfo(Configuration(units, vector=point), seed=0)
                 smac.tell(info, TrialValue(costs.tolist() if len(costs) > 1 else float(costs[0])), save=False)
-            for _ in range(_SUGGESTIONS):
-                point = space.rounded(smac.ask().config.get_array()[None, :])[0]
-                values = space.values(point)
-                if self._allowed is None or self._allowed(values):
-                    break
-        return values
+            with suppress(ConfigurationSpaceExhaustedException):
+                for _ in range(_SUGGESTIONS):
+                    values = space.values(space.rounded(smac.ask().config.get_array()[None, :])[0])
+                    if self._allowed is None or self._allowed(values):
+                        return values
+        return self.drawn(space, trials.random)
 
 
 class _Weighted(PriorAcquisitionFunction):  # type: ignore[misc]  # optional: its type is not known

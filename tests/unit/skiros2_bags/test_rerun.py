@@ -73,6 +73,37 @@ def test_goal_may_be_recorded_after_the_first_progress(gripper: Recording) -> No
     assert rerun(recording, Settings()).divergence is None
 
 
+def test_goal_may_be_recorded_after_the_first_change_of_its_task() -> None:
+    recording = Recording(BAGS / "simulated_disturbed.bag")
+    task = recorded_tasks(recording)[0]
+    change = next(e for e in recording.changes if e.change.author == task.manager and e.order > task.begin)
+    assert task.goal is not None and change.order < task.progress[0].order
+    late = replace(task.goal, order=change.order + 0.5)  # type: ignore[arg-type]
+    recording.events = [late if e is task.goal else e for e in recording.events]
+    recording.events.sort(key=lambda event: event.order)
+    found = rerun(recording, SIMULATED)
+    assert found.is_as_recorded, found
+
+
+@pytest.mark.parametrize("lost", [1, 2])
+def test_feedback_may_be_lost_before_the_client_knows_its_goal(gripper: Recording, lost: int) -> None:
+    """actionlib drops answers that arrive before `send_goal` has returned; the recorder has them."""
+    recording = copy(gripper)
+    (goal, *_) = recording.goals("/gripper")
+    answers = [e for e in recording.action_messages if e.goal_id == goal.goal_id and e.part == "feedback"]
+    early = []
+    for number in range(1, lost + 1):
+        content = copy(answers[0].content)
+        content.position = 0.1 - 0.001 * number
+        early.append(replace(answers[0], order=goal.order + 0.1 * number, time=goal.time, content=content))
+    recording.events = sorted([*recording.events, *early], key=lambda event: event.order)
+    found = rerun(recording, Settings())
+    assert found.is_as_recorded, found
+    late = [replace(e, time=answers[0].time, order=answers[0].order - 0.5) for e in early]
+    recording.events = sorted([*gripper.events, *late], key=lambda event: event.order)
+    assert rerun(recording, Settings()).divergence is not None, "feedback is lost only when the goal is sent"
+
+
 def test_goal_field_may_have_a_tolerance(gripper: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     from replay_skills import skills
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Set
 from typing import Any
 
 import genpy
@@ -40,20 +40,25 @@ class RecordedActions:
     the recorded answers to the clients before each tick. Not thread-safe.
 
     :param tolerances: of numbers in goals.
+    :param lost: see `Ordering.lost`.
     """
 
-    def __init__(self, recording: Recording, tolerances: FieldTolerances) -> None:
+    def __init__(self, recording: Recording, tolerances: FieldTolerances, lost: Set[int] = frozenset()) -> None:
         self._goals = [e for e in recording.action_messages if e.part == "goal"]
         self._cancels = [e for e in recording.action_messages if e.part == "cancel"]
         self._tolerances = tolerances
         self._sent: dict[str, FakeActionClient] = {}  # by the recorded goal's id
         self._answers: dict[str, list[ActionMessage]] = {}  # by the recorded goal's id
         for event in recording.action_messages:
-            if event.part in ("feedback", "result"):
+            if event.part in ("feedback", "result") and event.order not in lost:
                 self._answers.setdefault(event.goal_id, []).append(event)
         self._goals = sorted([*self._goals, *self._missed_goals()], key=lambda goal: goal.time)
-        #: Goals that were sent and that the bag lacks, for people.
-        self.gaps: list[str] = []
+        #: Goals and answers that are not compared, for people.
+        self.gaps = [
+            f"a feedback of {event.action}: it arrived while its goal was sent, and the recorded client has lost it"
+            for event in recording.action_messages
+            if event.order in lost
+        ]
         self._matched: set[str] = set()  # ids of recorded goals
         self._status_since: dict[str, float] = {}  # time of the first status of a server (s) by action
         for status in (event for event in recording.events if isinstance(event, ServerStatus)):

@@ -37,6 +37,7 @@ class Ordering:
         failed because the tree has preempted them, and not by themselves.
     :param late: orders of changes by primitives that are replaced by their recorded progress, recorded after it.
     :param results: orders of progress messages in which primitives that go on have received a result after a feedback.
+    :param lost: orders of feedback that the client has lost: it arrived before `send_goal` had returned.
     :param counts: whether running primitives count a step for each feedback: then it arrives when they count it.
         Otherwise it arrives some time after it was recorded.
     """
@@ -46,6 +47,7 @@ class Ordering:
     preempting: frozenset[int] = frozenset()
     results: frozenset[int] = frozenset()
     late: frozenset[int] = frozenset()
+    lost: frozenset[int] = frozenset()
     counts: bool = True
 
 
@@ -65,6 +67,10 @@ def alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterato
         shifts = (step, -step, 3 * step, -3 * step, 9 * step, -9 * step)  # a busy machine receives the clock late
     shifted = [replace(ordering, time_shifts=(*ordering.time_shifts, (at.order, shift))) for shift in shifts]
     yield from shifted[:2]
+    for early in _early_feedback(recording, at):
+        for number in range(1, len(early) + 1):
+            if not ordering.lost.issuperset(early[:number]):
+                yield replace(ordering, lost=ordering.lost | set(early[:number]))
     near = [e for e in recording.events if abs(e.time - at.time) <= WINDOW and _is_input(e)]
     near.sort(key=lambda e: abs(e.order - at.order))
     moved = dict(ordering.orders)
@@ -76,6 +82,21 @@ def alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterato
     yield from shifted[2:]
     if ordering.counts:
         yield replace(ordering, counts=False)
+
+
+def _early_feedback(recording: Recording, at: TaskProgress) -> Iterator[list[int]]:
+    """Yields the orders of feedback recorded before the tick that sent its goal had ended, for each running goal of the
+    task's manager, latest goals first. Clients of actionlib drop feedback that arrives before `send_goal` has returned.
+    """
+    past = [e for e in recording.action_messages if e.order < at.order]
+    ended = {e.goal_id for e in past if e.part == "result"}
+    goals = [e for e in past if e.part == "goal" and e.caller == at.run.robot and e.goal_id not in ended]
+    for goal in reversed(goals):
+        ticks = (e.time for e in recording.progress if e.run is at.run and e.order > goal.order)
+        until = next(ticks, at.time) + WINDOW
+        answers = (e for e in past if e.goal_id == goal.goal_id and e.part == "feedback")
+        if early := [e.order for e in answers if e.time <= until]:
+            yield early
 
 
 def _is_input(event: Event) -> bool:

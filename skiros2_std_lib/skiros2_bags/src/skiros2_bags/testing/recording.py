@@ -318,7 +318,8 @@ def recorded_tasks(recording: Events) -> list[RecordedTask]:
         # The goal may be recorded after the first progress: they come over different connections.
         requested = task.goal.order if task.goal is not None else _first_order_after(recording, earliest)
         ended = max((t.end + 1 for t in tasks if t.manager == task.manager and t.end < first.order), default=0)
-        task.begin = max(min(requested, first.order), ended)
+        begin = min(requested, first.order)
+        task.begin = max(begin, ended) if ended else min(begin, _first_change(recording, task.manager, begin, earliest))
     for event in (e for e in recording.events if isinstance(e, EvidenceEntries)):
         latest = [t for t in tasks if (t.manager, t.run.task_id) == (event.manager, event.task_id)
                   and t.progress[0].time - _MAX_START_DELAY <= event.time]  # fmt: skip
@@ -338,9 +339,27 @@ def task_changes(events: Events, tasks: Sequence[RecordedTask]) -> list[WorldCha
         event
         for event in events.changes
         if event.order >= begin.get(event.change.author, math.inf)
-        and not any(_MODULE in element.property_view for element in event.change.elements)
+        and not _is_registration(event)
         and (event.change.elements or event.change.relations)
     ]
+
+
+def _is_registration(event: WorldChange) -> bool:
+    return any(_MODULE in element.property_view for element in event.change.elements)
+
+
+def _first_change(recording: Events, manager: str, begin: int, earliest: float) -> int:
+    """Returns the order of the first change of a manager's first task, if it was recorded before its goal.
+
+    :param begin: the order of the goal or of the first progress; returned without such a change.
+    :param earliest: the earliest time of the change (s).
+    """
+    found = begin
+    for event in (e for e in reversed(recording.changes) if e.change.author == manager and e.order < begin):
+        if event.time < earliest or _is_registration(event):
+            break
+        found = event.order
+    return found
 
 
 def _goal_of(recording: Events, task: RecordedTask) -> ActionMessage | None:

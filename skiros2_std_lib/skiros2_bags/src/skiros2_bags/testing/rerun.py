@@ -229,7 +229,7 @@ class RerunPass:
         self.model = world_model_with(scene, settings.workspace)
         add_reasoners(self.model)
         self._writes = Writes(recording, runs, settings.tolerances, scene)
-        self.actions = RecordedActions(recording, settings.tolerances)
+        self.actions = RecordedActions(recording, settings.tolerances, ordering.lost)
         # Starts at 0: the resolution of a float with s since the epoch is too low for the clock's nanosecond steps.
         self.clock = FakeClock(0.0)
         self._clock_ticks = sorted((e.time, e.now) for e in recording.events if isinstance(e, ClockTick))

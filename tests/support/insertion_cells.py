@@ -41,9 +41,6 @@ _FINGER = """<link name="{name}">
     <limit lower="0" upper="0.04" effort="40" velocity="0.2"/>
   </joint>"""
 
-#: Stiffness of contacts of rigid fingers (N/m): those of the iiwa, 6.3 kg, met a rim at 5 mm/s with 53 N in one step.
-RIGID = 18e6
-
 
 @dataclass(frozen=True)
 class ArmVariant:
@@ -104,7 +101,8 @@ def _with_element(text: str, eid: str, change: Callable[[str], str]) -> str:
 def _other_arm(element: str, variant: ArmVariant) -> str:
     joints = ", ".join(f'"joint{number}"' for number in range(1, len(variant.start) + 1))
     element = element.replace("franka_panda/panda.urdf", variant.model)
-    element = element.replace('skiros:ContactStiffness "600000.0"', f'skiros:ContactStiffness "{RIGID}"')
+    # its fingers are rigid: the default for what is not known
+    element = element.replace('skiros:ContactStiffness "600000.0"^^xsd:float ;', "")
     element = re.sub(r"skiros:JointNames '''.*?'''", f"skiros:JointNames '[{joints}]'", element, flags=re.S)
     start = ", ".join(map(str, variant.start))
     return re.sub(r"skiros:Postures '''.*?'''", f"""skiros:Postures '{{"start": [{start}]}}'""", element, flags=re.S)

@@ -308,8 +308,7 @@ class Bullet:
     # -- contacts --------------------------------------------------------------------------------------------------
 
     def contacts(self, body: int | None = None) -> list[ContactPoint]:
-        bodies = () if body is None else (body,)
-        return list(map(ContactPoint._make, pybullet.getContactPoints(*bodies, **self._world)))
+        return _contact_points(body, self.id)
 
     def detect_contacts(self) -> None:
         _end_contacts_at(self._contact_end, self.id)
@@ -345,6 +344,17 @@ class Bullet:
         depth = np.asarray(far * near / (far - (far - near) * nearness), np.float32)
         rgb = np.ascontiguousarray(np.asarray(rgba, np.uint8).reshape(height, width, 4)[:, :, :3])
         return Image(rgb, depth, np.asarray(mask, np.int32).reshape(height, width))
+
+
+def _contact_points(body: int | None, world: int) -> list[ContactPoint]:
+    """Return all contact points, or those of a body, which comes first."""
+    if body is not None and not pybullet.getContactPoints(body, physicsClientId=world):
+        return []
+    # of all: where a requested body is second, the engine swaps the bodies and the normal, but not the friction
+    points = map(ContactPoint._make, pybullet.getContactPoints(physicsClientId=world))
+    if body is None:
+        return list(points)
+    return [point if point.body == body else point.swapped() for point in points if body in point[1:3]]
 
 
 def _end_contacts_at(distance: float, world: int) -> None:

@@ -96,6 +96,27 @@ class ContactPoint(NamedTuple):
         x, y, z = (self.force * n[i] + self.friction_1 * one[i] + self.friction_2 * two[i] for i in range(3))
         return (self.position, (x, y, z)) if on_first else (self.other_position, (-x, -y, -z))
 
+    def swapped(self) -> ContactPoint:
+        """Return the same contact with the other body first."""
+        one, two = ((-x, -y, -z) for x, y, z in (self.direction_1, self.direction_2))
+        x, y, z = self.normal
+        return ContactPoint(
+            self.kind,
+            self.other_body,
+            self.body,
+            self.other_link,
+            self.link,
+            self.other_position,
+            self.position,
+            (-x, -y, -z),
+            self.distance,
+            self.force,
+            self.friction_1,
+            one,
+            self.friction_2,
+            two,
+        )
+
 
 class Image(NamedTuple):
     """A rendered image.

@@ -2,6 +2,11 @@
 
 A killed world model recovers from it with the same elements and ids, the same session, and continuing change numbers.
 Past states stay in the journal for queries of the history (`core/history.py`) until the retention limits are reached.
+
+An update writes four pages: the element, its past state, the index of past states, the request. Of its time, SQLite
+takes 72 % (commit 35 %, past state 19 %, begin 11 %, the rest 7 %), and the JSON of the element 14 %. A single row,
+which writes one page, takes a fifth of the whole. A log of single rows, merged into the tables later, has not been
+tried: the file has one writer, so that requests would wait for the merge.
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from typing import Any
@@ -39,6 +40,8 @@ class Driver:
         self.change: Callable[[ImpedanceState], None] = lambda state: None
         self.references: list[PoseStamped] = []
         self.is_silent = False
+        #: Number of states that wait in the queue of the publisher.
+        self.late = 0
         self._ended = threading.Event()
         self._topic = rospy.Publisher(f"{SPACE}/state", ImpedanceState, queue_size=1)
         self._connections: list[Any] = [
@@ -59,16 +62,21 @@ class Driver:
 
     def _on_limits(self, request: Any) -> SetWrenchLimitsResponse:
         self.state.force_limit, self.state.torque_limit = request.force, request.torque
-        return SetWrenchLimitsResponse(ok=True)
+        self.state.stopped_by = ""
+        return SetWrenchLimitsResponse(ok=True, stamp=self.state.header.stamp)
 
     def _run(self) -> None:
+        queue: deque[ImpedanceState] = deque()
         while not self._ended.wait(0.02):
             self.state.header.stamp = rospy.Time.now()
             message = ImpedanceState()
             message.deserialize(_serialized(self.state))
             self.change(message)
-            if not self.is_silent:
-                self._topic.publish(message)
+            queue.append(message)
+            while len(queue) > self.late:
+                message = queue.popleft()
+                if not self.is_silent:
+                    self._topic.publish(message)
 
 
 def _serialized(message: Any) -> bytes:
@@ -137,6 +145,16 @@ def test_state_with_a_number_that_is_not_finite_stops_the_arm(driver: Driver, ar
     arm.end()
     held = wait_until(lambda: driver.references, WAIT, "a reference")[0].pose.position
     assert (held.x, held.y, held.z) == (0.5, 0.0, 0.0), "the last pose that was known"
+
+
+def test_states_from_before_the_limits_were_set_do_not_stop_the_arm(driver: Driver, arm: ImpedanceArm) -> None:
+    driver.state.stopped_by, driver.state.stop_value, driver.state.stop_limit = "force", 68.4, 40.0
+    wait_for(arm, lambda s: s.stopped)
+    driver.late = 10
+    arm.begin()
+    arm.set_wrench_limits(120.0, 15.0)
+    first = wait_for(arm, lambda s: True)
+    assert not first.stopped
 
 
 def test_states_between_two_ticks_are_kept(driver: Driver, arm: ImpedanceArm) -> None:

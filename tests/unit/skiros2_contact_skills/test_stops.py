@@ -15,7 +15,7 @@ from skiros2_contact_skills.free_motions import retract_after_failure, retract_t
 from skiros2_motion.core.compliant_arm import ArmState
 from skiros2_motion.core.wrench_guard import Violation
 from skiros2_sim.core.simulated_arm import SimulatedArm
-from skiros2_skill.core.skill import RetryOnFail, SelectorStar, SerialStar, Skill
+from skiros2_skill.core.skill import ParallelFs, RetryOnFail, SelectorStar, SerialStar, Skill
 from skiros2_std_skills.core.controller_use import forget
 from support.contact_cell import RATE, TABLE_TOP, TICK_RATE, ContactCell, contact_cell
 from support.simulated_cell import GRIPPER, bench
@@ -175,6 +175,24 @@ def test_step_that_is_preempted_before_it_knows_of_a_stop_leaves_the_stop_to_the
     second.tick()
     third = step(cell, "goal", monkeypatch)
     assert (third.cause().label, third.cause().failure_kind) == ("retract_tool", FailureKind.LIMIT)
+
+
+def test_retreat_clears_a_stop_that_has_ended_a_skill_before_it_had_the_arm(
+    cell: ContactCell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm = AnsweringLate(cell.robot.controller)
+    monkeypatch.setattr(cell, "compliant", arm)
+    assert step(cell, "goal", monkeypatch).state is State.Success
+    hold = cell.skills.node("HoldPose", Arm=cell.element)
+    hit = cell.skills.node("SwitchAway")  # fails, as a hold-condition that measures the force
+    monkeypatch.setattr(switch_away, "execute", lambda self: self.fail("hit", -2, FailureKind.LIMIT))
+    retract = cell.skills.node("RetractAfterFailure", Arm=cell.element, Height=0.01)
+    task = cell.skills.task(Skill("", SelectorStar())(Skill("", ParallelFs())(hold, hit), retract))
+    cell.robot.controller._stop(Violation("force", 55.0, 40.0))
+    arm.answers_at = arm.now() + 0.1
+    tick(cell, task, 4.0)
+    assert [why.label for why in task.explanations()] == ["retract_after_failure", "switch_away"]
+    assert cell.robot.controller.stop is None, "the arm has moved back"
 
 
 def test_step_does_not_fail_for_a_state_that_was_late_once(cell: ContactCell, monkeypatch: pytest.MonkeyPatch) -> None:

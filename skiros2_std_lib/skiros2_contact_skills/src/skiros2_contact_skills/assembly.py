@@ -252,24 +252,29 @@ class insert_piston(SkillBase):
         above = {"Target": "Bore"}
         skill.setProcessor(SerialStar())
         skill(
-            self.skill("ApproachTarget", "", remap=around, specify=SWING | {"ZeroSensor": True}),
-            self.skill("ApproachTarget", "", remap=around, specify={"Height": 0.02}),
-            self.skill(
-                "MoveUntilContact", "", remap=ring, specify={"Speed": 0.01, "MaxDistance": 0.03, "ContactForce": 3.0}
-            ),
             self.skill(SelectorStar())(
-                self.skill(ParallelFs())(
-                    self.skill("GuardBore", ""),
-                    self.skill(SerialStar())(
-                        self.skill("ApproachTarget", "", remap=above, specify=SWING | {"ZeroSensor": True}),
-                        self.skill("InsertIntoBore", ""),
-                        self.skill("CheckGrip", ""),
-                        self.skill("ReleasePart", "", remap={"Container": "Bore"}, specify={"Width": _RELEASED}),
-                        self.skill("RetractTool", "", specify=SWING),
-                        self.skill("CheckRelease", ""),
+                self.skill(SerialStar())(
+                    self.skill("ApproachTarget", "", remap=around, specify=SWING | {"ZeroSensor": True}),
+                    self.skill("ApproachTarget", "", remap=around, specify={"Height": 0.02}),
+                    self.skill(
+                        "MoveUntilContact",
+                        "",
+                        remap=ring,
+                        specify={"Speed": 0.01, "MaxDistance": 0.03, "ContactForce": 3.0},
+                    ),
+                    self.skill(ParallelFs())(
+                        self.skill("GuardBore", ""),
+                        self.skill(SerialStar())(
+                            self.skill("ApproachTarget", "", remap=above, specify=SWING | {"ZeroSensor": True}),
+                            self.skill("InsertIntoBore", ""),
+                            self.skill("CheckGrip", ""),
+                            self.skill("ReleasePart", "", remap={"Container": "Bore"}, specify={"Width": _RELEASED}),
+                            self.skill("RetractTool", "", specify=SWING),
+                            self.skill("CheckRelease", ""),
+                        ),
                     ),
                 ),
-                # the ring must pass below the piston afterwards
+                # the piston may still be in the ring, also at the start, and must pass above it afterwards
                 self.skill("RetractAfterFailure", "", specify=RETREAT | {"Height": 0.2}),
             ),
             self.skill("PutDownPart", "", remap=ring | {"Container": "RingStand", "Place": "RingPlace"}),

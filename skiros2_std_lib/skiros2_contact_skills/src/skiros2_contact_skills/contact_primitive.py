@@ -118,10 +118,11 @@ class ContactPrimitive(PrimitiveBase):
     def _take_control(self) -> None:
         """Activates the controller and sets the limits. If an earlier skill of the task or goal has activated it, it is
         not taken back from somebody else. While it is not known whether the arm has stopped since the success of that
-        skill, and after such a stop, nothing is taken: limits would clear the stop."""
+        skill, and after such a stop, nothing is taken: limits would clear the stop. A retreat clears it: it follows a
+        failure, if only of a skill that was preempted before it had the arm."""
         arm = self.arm
         if self._resumes and isinstance(arm, ResumesControl):
-            if is_left_in_order(self.element("Arm").id):
+            if is_left_in_order(self.element("Arm").id) and not self.fails_late:
                 found = self._state_before()
                 if found is None or (found.stopped and found.kind in _STOPS):
                     return

@@ -11,6 +11,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import rospy
 from genpy import Message
@@ -89,6 +90,7 @@ class ImpedanceArm(ForceAdapter):
         self._received, self._age = 0, StateAge(rospy.get_time)
         #: Requests that are not answered, and the number of the state that will show the effect of the last answer.
         self._pending, self._effect = 0, 1
+        self._limits_since = rospy.Time()  # earlier states may wait in the driver's queue: they are not counted
         #: The largest force in the last state (N).
         self._peak = 0.0
         self._commands: queue.SimpleQueue[tuple[Callable[[], None], bool]] = queue.SimpleQueue()
@@ -101,9 +103,7 @@ class ImpedanceArm(ForceAdapter):
                 ("set_cartesian_wrench", WrenchStamped),
             )
         }
-        self._subscribers = [
-            rospy.Subscriber(f"{space}/state", ImpedanceState, self._on_state, queue_size=1),
-        ]
+        self._subscribers = [rospy.Subscriber(f"{space}/state", ImpedanceState, self._on_state, queue_size=1)]
         threading.Thread(target=self._work, name=f"commands of {name}", daemon=True).start()
 
     def close(self) -> None:
@@ -220,8 +220,7 @@ class ImpedanceArm(ForceAdapter):
 
     def set_wrench_limits(self, force: float, torque: float, axes: Sequence[float] = ()) -> None:
         self._limits = checked_limits(force, torque, axes)
-        request = SetWrenchLimitsRequest(force, torque)
-        self._request(lambda: call_service(f"{self._space}/set_wrench_limits", SetWrenchLimits, request, _REFUSED))
+        self._request(self._send_limits)
         if axes:
             more = SetAxisLimitsRequest(Wrench(Vector3(*axes[:3]), Vector3(*axes[3:])))
             self._request(lambda: call_service(f"{self._space}/set_axis_limits", SetAxisLimits, more, _REFUSED))
@@ -251,6 +250,12 @@ class ImpedanceArm(ForceAdapter):
                         self._pending -= 1
                         # the next state may have been on its way before the answer
                         self._effect = self._received + 2
+
+    def _send_limits(self) -> None:
+        request = SetWrenchLimitsRequest(*self._limits[:2])
+        answer = call_service(f"{self._space}/set_wrench_limits", SetWrenchLimits, request, _REFUSED)
+        with self._lock:
+            self._limits_since = answer.stamp
 
     def _find_loop(self) -> None:
         """Notes whether the driver regulates forces, and ends that."""
@@ -312,7 +317,7 @@ class ImpedanceArm(ForceAdapter):
                 self._finite = message.pose
             self._age.receive()
             self._period.add(message.header.stamp.to_sec())
-            self._received += 1
+            self._received += message.header.stamp >= self._limits_since
             if message.peak_force > self._peak:  # the driver keeps it until limits are set
                 self._force.note(message.peak_force)
             self._peak = message.peak_force
@@ -371,8 +376,8 @@ def _await_listeners(topics: Mapping[str, rospy.Publisher]) -> bool:
     raise _Closed
 
 
-def call_service(name: str, kind: type, request: Message | None, problem: str) -> None:
-    """Calls a service.
+def call_service(name: str, kind: type, request: Message | None, problem: str) -> Any:
+    """Calls a service. Returns its answer.
 
     :raises Refused: it answers that it has not done it.
     :raises rospy.ROSException: there is no such service.
@@ -382,6 +387,7 @@ def call_service(name: str, kind: type, request: Message | None, problem: str) -
     answer = call() if request is None else call(request)
     if not getattr(answer, "ok", getattr(answer, "success", True)):
         raise Refused(f"{problem}: {getattr(answer, 'message', '') or name}")
+    return answer
 
 
 def pose_message(pose: Pose) -> PoseMessage:

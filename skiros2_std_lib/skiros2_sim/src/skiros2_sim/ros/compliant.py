@@ -193,7 +193,7 @@ class CompliantArm:
             controller.hand.forget()
 
         self._call(put)
-        return SetWrenchLimitsResponse(ok=True)
+        return SetWrenchLimitsResponse(ok=True, stamp=self._clock.now)
 
     def _on_force_control(self, request: SetForceControlRequest) -> SetForceControlResponse:
         if not request.start:

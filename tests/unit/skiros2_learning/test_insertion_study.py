@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 from skiros2_common.core.errors import UnknownName
-from skiros2_learning.local.insertion_study import InsertionRun, InsertionStudy
+from skiros2_learning.local.insertion_study import BORES, InsertionRun, InsertionStudy
+from support.insertion_cells import write_cell
 
 pytestmark = pytest.mark.timeout(180)
 
@@ -61,3 +63,18 @@ def test_exceeded_force_limit_ends_the_insertion_within_a_tick_and_leaves_the_ar
 def test_parameters_of_an_unknown_skill_are_refused(study: InsertionStudy) -> None:
     with pytest.raises(UnknownName, match="insert_prat: the skills are insert_into_bore"):
         study.run(seed=0, parameters={"insert_prat": {}})
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("arm", "bore", "error", "angle"),
+    [("iiwa", BORES[2], 0.002, 1.0), ("iiwa", BORES[0], 0.002, 2.0), ("xarm6", BORES[2], 0.001, 2.0)],
+    ids=["hit the rim with 54 N", "a hand that turns is lighter", "jammed"],
+)
+def test_rigid_gripper_inserts_within_the_limit(
+    arm: str, bore: str, error: float, angle: float, tmp_path: Path
+) -> None:
+    with InsertionStudy(write_cell(tmp_path / "cell", arm, 0.00005), bore=bore) as study:
+        run = study.run(seed=1, position_error=error, angle_error=math.radians(angle))
+    assert run.success, run.why
+    assert run.max_force < 40.0

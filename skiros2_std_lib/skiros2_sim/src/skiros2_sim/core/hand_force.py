@@ -23,8 +23,8 @@ class HandForce:
     def __init__(self, arm: Arm, payload: Payload, dt: float) -> None:
         self._arm, self._payload = arm, payload
         self._longest = 1.5 * dt
-        #: Time (s), and velocity of the tool in the map then (m/s).
-        self._last: tuple[float, Vector] | None = None
+        #: Time (s), and velocities of the hand's centre of mass and of the tool in the map then (m/s).
+        self._last: tuple[float, Vector, Vector] | None = None
         self._peak = 0.0
 
     def take_peak(self, time: float) -> float:
@@ -54,14 +54,17 @@ class HandForce:
         :param time: simulated (s).
         """
         arm = self._arm
-        velocity = arm.tool_velocity()[0]
-        (before, was), self._last = self._last or (time, velocity), (time, velocity)
+        tool = arm.tool_velocity()[0]
+        hand = tool if arm.sensor is None else arm.sensor.velocity()
+        (before, hand_was, tool_was), self._last = self._last or (time, hand, tool), (time, hand, tool)
         force, passed = list(arm.measured_wrench()[:3]), time - before
         if not (0.0 < passed <= self._longest and is_finite(force)):
             return
         if arm.sensor is not None:  # without one, contacts are measured
-            mass = (arm.sensor.mass + self._payload.mass) / passed
-            taken = [mass * (now - then) for now, then in zip(velocity, was, strict=True)]
+            # a hand that turns accelerates less than its fingertips
+            own, held = arm.sensor.mass / passed, self._payload.mass / passed
+            pairs = zip(hand, hand_was, tool, tool_was, strict=True)
+            taken = [own * (now - then) + held * (tip - tip_then) for now, then, tip, tip_then in pairs]
             if math.hypot(*force) + math.hypot(*taken) <= self._peak:  # in any direction
                 return
             inertia = rotated(conjugated(arm.tool_pose().orientation), taken)

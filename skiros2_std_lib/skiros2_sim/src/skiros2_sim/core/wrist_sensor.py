@@ -132,6 +132,10 @@ class MountedSensor:
         if self.is_noisy:
             self._measure()
 
+    def velocity(self) -> Vector:
+        """Returns the velocity of the centre of mass of the hand's first link, in the map (m/s)."""
+        return self._physics.velocity(self._part)[0]
+
     def zero(self) -> None:
         """Makes the last measured wrench the zero of the following ones."""
         self._measure()

@@ -52,7 +52,7 @@ OUTSIDE = {
         "yaml",
         "matplotlib",
     },
-    "skiros2_gateway": {"numpy", "pydantic", "yaml"},
+    "skiros2_gateway": {"numpy", "pydantic", "yaml", "PIL"},
     "skiros2_gui": {"numpy"},
 }
 MOTION = {"skiros2_motion.core", "skiros2_std_reasoners.core"}

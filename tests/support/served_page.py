@@ -18,11 +18,13 @@ from skiros2_gateway.core.figures import Figures
 from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.core.other_cells import OtherCell, OtherCells
 from skiros2_gateway.http.alarms import alarms_router
+from skiros2_gateway.http.cameras import cameras_router
 from skiros2_gateway.http.figures import figures_router
 from skiros2_gateway.http.live import live_router, page_router
 from skiros2_gateway.http.other_cells import other_cells_router
-from skiros2_live.core.patch import TASK_MANAGER, Connection, TaskProgress
+from skiros2_live.core.patch import TASK_MANAGER, Connection, EntriesChanged, TaskProgress
 from support.http_gateway import served
+from support.pictures import StandInCameras
 from support.progress import FAILURE, SUCCESS, pick_and_place
 from unit.skiros2_gateway.conftest import TOKENS, Gateway
 from unit.skiros2_gateway.test_live_http import _Cell
@@ -31,6 +33,35 @@ ROBOTS = (
     {"name": "/arm", "state": "protective_stop", "reason": "light curtain 2", "since": 1.0, "tasks": []},
     {"name": "/mobile_base", "state": "busy", "reason": "", "since": 1.0, "tasks": [{"id": 1, "label": "drive"}]},
 )
+#: By id: cameras of the scene, the second one without pictures, and a robot with a signal of each robot.
+CAMERAS = {"skiros:DepthCamera-1": "Camera above the shelf", "skiros:DepthCamera-2": "Camera at the gripper"}
+ELEMENTS = {
+    **{
+        eid: {"id": eid, "type": "skiros:DepthCamera", "label": label, "relations": [],
+              "properties": {"skiros:RgbTopic": [f"/camera_{number}/image"]}}
+        for number, (eid, label) in enumerate(CAMERAS.items(), 1)
+    },
+    "cora:Robot-3": {"id": "cora:Robot-3", "type": "cora:Robot", "label": "arm", "relations": [],
+                     "properties": {"skiros:SkillMgr": ["arm"]}},
+}  # fmt: skip
+SIGNALS = {
+    "skiros:Signal-4": {
+        "name": "Force at the tool",
+        "unit": "N",
+        "robot": "/arm",
+        "value": 4.2,
+        "low": 4.0,
+        "high": 5.0,
+    },
+    "skiros:Signal-5": {
+        "name": "Battery",
+        "unit": "%",
+        "robot": "/mobile_base",
+        "value": 81.0,
+        "low": 81.0,
+        "high": 81.0,
+    },
+}
 COUNTERS = {"succeeded": 12, "failed": 1, "oee": 0.81}
 
 
@@ -59,6 +90,10 @@ async def fill(gateway: Any) -> None:
     gateway.cell.document.apply(Connection(TASK_MANAGER, "/tm", False, gateway.now, "It has ended with status 1."))
     lost = {"kind": "connection", "source": "world model", "text": "the connection is lost", "since": gateway.now - 300}
     gateway.service.alarms.listed({"connection/world model@1": lost})
+    gateway.cell.document.apply(EntriesChanged("elements", ELEMENTS))
+    now = gateway.cell.document.clock()
+    signals = {eid: {**signal, "time": now} for eid, signal in SIGNALS.items()}
+    gateway.cell.document.apply(EntriesChanged("signals", signals))
     state = {"robots": [{**robot, "counters": COUNTERS} for robot in ROBOTS], "ready": True, "capacity": 1}
     gateway.cell.state = lambda: state
 
@@ -96,6 +131,7 @@ def served_page(folder: Path, page: Path) -> Iterator[str]:
         agents = AgentServer(gateway.service).router()
         routers = [live_router(view, _Cell(), Bags(None)), alarms_router(view), figures_router(figures.write)]
         cells = [OtherCell(name="Line 3", address="http://127.0.0.1:9", token="")]
+        routers.append(cameras_router(view, StandInCameras()))
         routers += [agents, page_router(page), other_cells_router(OtherCells(cells))]
         async with served(gateway.service, routers=routers) as address:
             cells.insert(0, OtherCell(name="Line 2", address=address, token=TOKENS["view"]))

@@ -194,6 +194,44 @@ def test_refusals_of_a_new_job_are_at_their_fields(open_page: Any) -> None:
     assert (jobs[0]["order"]["priority"], jobs[0]["order"]["due"][:4]) == (7, "2032")
 
 
+def test_cameras_are_shown_alone_or_all_and_say_why_there_is_no_picture(open_page: Any) -> None:
+    expect, page = playwright.expect, open_page("view")
+    requests: list[str] = []
+    page.on("request", lambda request: requests.append(request.url))
+    page.click("nav[data-region=right] >> text=Cameras")
+    seen, dark = page.locator(".camera", has_text="shelf"), page.locator(".camera", has_text="gripper")
+    expect(seen).to_contain_text("live")
+    expect(dark).to_contain_text("no node publishes /camera_2/image")
+    size = "element => [element.naturalWidth, element.naturalHeight]"
+    assert seen.locator("img").evaluate(size) == [640, 480]
+    seen.locator("button").click()
+    expect(dark).to_be_hidden()
+    expect(seen.locator("button")).to_have_attribute("aria-pressed", "true")
+    page.keyboard.press("Enter")
+    expect(dark).to_be_visible()
+    page.click("nav[data-region=right] >> text=3D")
+    page.wait_for_timeout(1500)
+    before = sum("/cameras/" in each for each in requests)
+    page.wait_for_timeout(1500)
+    assert sum("/cameras/" in each for each in requests) == before > 0
+
+
+def test_signals_are_those_of_the_selected_robot(open_page: Any) -> None:
+    expect, page = playwright.expect, open_page("view")
+    page.click("nav[data-region=centre] >> text=Signals")
+    names = page.locator(".signal .name")
+    expect(names).to_have_count(2)
+    page.click("nav[data-region=centre] >> text=Tree")
+    robot = page.locator("[data-panel=cell] .card", has_text="arm").first
+    robot.click()
+    expect(page.locator(".signal:visible .name")).to_have_count(1)
+    expect(page.locator(".signal .value")).to_have_text("4.2 N")
+    page.select_option("#signals-of", label="mobile_base")
+    expect(page.locator(".signal .value")).to_have_text("81 %")
+    page.select_option("#signals-of", label="All robots")
+    expect(names).to_have_count(2)
+
+
 def test_focus_stays_in_an_open_dialog_beside_stop_and_escape_closes_it(open_page: Any) -> None:
     page = open_page("operate")
     page.click("#new-job")

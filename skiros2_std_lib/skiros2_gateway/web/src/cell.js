@@ -48,6 +48,14 @@ export async function request(path, body, method = body === undefined ? "GET" : 
   return answer;
 }
 
+// Reads a picture: {status, headers, blob}; status 304: it is still that with the tag.
+export async function readPicture(path, tag) {
+  const headers = tag ? { "If-None-Match": tag } : {};
+  const answer = await fetch(path, { headers, signal: AbortSignal.timeout(1000 * READ_LIMIT), credentials: "include" });
+  if (!answer.ok && answer.status !== 304) throw new Refusal({ status: answer.status, ...(await answer.json()) });
+  return { status: answer.status, headers: answer.headers, blob: await answer.blob() };
+}
+
 // Ids of elements in a text.
 const ID = /[\w.]+:[\w.]+-\d+/g;
 

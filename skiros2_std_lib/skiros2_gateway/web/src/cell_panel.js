@@ -21,9 +21,10 @@ export const GOALS = "goals"; // the robot of runs that are goals
 export class CellPanel {
   tables = ["cell", "connections", "jobs", "queue", "goals", "runs"];
 
-  constructor(panel, cell, run) {
+  constructor(panel, cell, run, selection) {
     this.cell = cell;
     this.run = run;
+    this.selection = selection;
     const list = () => h("div", { class: "list" });
     this.lost = h("div", { class: "lost" });
     this.robots = list();
@@ -73,6 +74,11 @@ export class CellPanel {
   #makeRobot() {
     const element = card();
     const robots = () => [element.item.name];
+    clickable(element, () => {
+      const isSelected = element.item.name === this.selection.robot;
+      this.selection.selectRobot(isSelected ? "" : element.item.name);
+      if (!isSelected) element.dispatchEvent(new CustomEvent("show-panel", { detail: "signals", bubbles: true }));
+    });
     element.buttons.append(...["pause", "resume", "stop"].map((action) =>
       button(action, () => commandRobots(this.cell, action, robots()))));
     return element;
@@ -80,6 +86,7 @@ export class CellPanel {
 
   #showRobot(element, robot) {
     element.item = robot;
+    element.classList.toggle("selected", robot.name === this.selection.robot);
     const tasks = robot.tasks.map((task) => task.label).join(", ");
     const { succeeded, failed } = robot.counters;
     const counts = `${succeeded} succeeded${failed ? `, ${failed} failed` : ""}`;

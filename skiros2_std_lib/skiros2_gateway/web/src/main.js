@@ -3,6 +3,7 @@
 import { openAccount } from "./account.js";
 import { AlarmsView } from "./alarms.js";
 import { ApprovalsView } from "./approvals.js";
+import { CamerasView } from "./cameras.js";
 import { Cell, notify, request } from "./cell.js";
 import { CellsView } from "./cells.js";
 import { makeColumns } from "./columns.js";
@@ -16,9 +17,9 @@ import { SignalsView } from "./signals.js";
 import { TreeView } from "./tree.js";
 import { Selection, WorldView } from "./world.js";
 
-const PANELS = { cell: "Cell", tree: "Tree", plan: "Plan", log: "Log", signals: "Signals", scene: "3D", world: "World" };
-const REGIONS = { centre: ["tree", "plan", "log", "signals"], right: ["scene", "world"],
-  phone: ["cell", "tree", "plan", "scene", "world", "log", "signals"] };
+const PANELS = { cell: "Cell", tree: "Tree", plan: "Plan", log: "Log", signals: "Signals", scene: "3D", world: "World", cameras: "Cameras" };
+const REGIONS = { centre: ["tree", "plan", "log", "signals"], right: ["scene", "world", "cameras"],
+  phone: ["cell", "tree", "plan", "scene", "world", "log", "signals", "cameras"] };
 const CONNECTIONS = { connecting: ["connecting", "idle"], live: ["live", "success"], lost: ["reconnecting…", "failure"],
   silent: ["", "failure"], denied: ["not logged in", "idle"] };
 
@@ -27,16 +28,17 @@ const main = document.getElementById("main");
 const panelOf = (name) => main.querySelector(`section[data-panel="${name}"]`);
 const cell = new Cell();
 const run = new ShownRun(cell);
-const selection = new Selection();
+const selection = new Selection(cell);
 const alarms = new AlarmsView(cell);
 const approvals = new ApprovalsView(cell);
 const cells = new CellsView(cell);
-const signals = new SignalsView(panelOf("signals"), cell, run);
+const signals = new SignalsView(panelOf("signals"), cell, run, selection);
+const cameras = new CamerasView(panelOf("cameras"), cell, showCameras);
 /** @type {[HTMLElement, any][]} */
 const views = [
   [alarms.button, alarms],
   [approvals.button, approvals],
-  [panelOf("cell"), new CellPanel(panelOf("cell"), cell, run)],
+  [panelOf("cell"), new CellPanel(panelOf("cell"), cell, run, selection)],
   [document.getElementById("run-bar"), new RunBar(document.getElementById("run-bar"), cell, run)],
   [panelOf("tree"), new TreeView(panelOf("tree"), run, () => cell.styles)],
   [panelOf("tree"), new NodeDetails(panelOf("tree"), cell, run)],
@@ -44,6 +46,7 @@ const views = [
   [panelOf("log"), new LogView(panelOf("log"), cell, run)],
   [panelOf("signals"), signals],
   [panelOf("world"), new WorldView(panelOf("world"), cell, run, selection)],
+  [panelOf("cameras"), cameras],
 ];
 
 // -- drawing: views whose tables have changed, at most once per picture, and only those in sight ------------------------
@@ -89,6 +92,7 @@ cell.addEventListener("change", (/** @type {CustomEvent} */ { detail: patch }) =
   signals.take(patch ? (patch.signals ?? {}) : null);
   if (!patch || patch.runs) run.refresh();
   scene?.take(patch);
+  if (!patch || patch.elements) cameras.take();
   draw((view) => !patch || view.tables.some((table) => table in patch));
   if (!patch) setTimeout(showScene);
 });
@@ -97,7 +101,7 @@ run.addEventListener("change", () => {
   draw();
 });
 selection.addEventListener("change", () => {
-  draw((view) => view.tables.includes("elements"));
+  draw((view) => view.tables.some((table) => ["elements", "signals", "cell"].includes(table)));
   scene?.draw();
 });
 
@@ -155,6 +159,14 @@ for (const [region, names] of Object.entries(REGIONS)) {
   nav.append(...names.map((name) => h("button", { "data-tab": name, onclick: () => choose(region, name) }, PANELS[name])));
   choose(region, names[0]);
 }
+// The tabs of the cameras, where there are any.
+function showCameras(isShown) {
+  for (const tab of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("nav [data-tab=cameras]"))) tab.hidden = !isShown;
+  if (isShown) return;
+  if (main.dataset.right === "cameras") choose("right", "scene");
+  if (main.dataset.phone === "cameras") choose("phone", "cell");
+}
+
 // A panel asks for another one, such as the list of runs for the tree.
 main.addEventListener("show-panel", (/** @type {CustomEvent} */ { detail: name }) => {
   choose("phone", name);

@@ -1,20 +1,23 @@
-// Forces and other signals of the robots: the last 30 s of each.
+// Forces and other signals of the robots: the last 30 s of each, of the selected robot or of all.
 
-import { h, keyed, number, setText } from "./dom.js";
+import { h, keyed, localName, number, setText } from "./dom.js";
 
 const SPAN = 30; // s
 const HEIGHT = 72;
 
 export class SignalsView {
-  tables = ["signals"];
+  tables = ["signals", "elements"];
   #samples = new Map(); // by id: [time, low, high]
 
-  constructor(panel, cell, run) {
+  constructor(panel, cell, run, selection) {
     this.cell = cell;
     this.run = run;
+    this.selection = selection;
+    this.robots = h("select", { id: "signals-of", "aria-label": "Signals of", onchange: () => selection.selectRobot(this.robots.value) });
+    this.tools = h("div", { class: "tools" }, this.robots);
     this.list = h("div", { class: "signals" });
-    this.empty = h("p", { class: "empty" }, "The scene has no signals. Elements of the class skiros:Signal name them.");
-    panel.append(this.list, this.empty);
+    this.empty = h("p", { class: "empty" }, "");
+    panel.append(this.tools, this.list, this.empty);
   }
 
   get isMoving() {
@@ -40,8 +43,11 @@ export class SignalsView {
     const isBag = Boolean(this.run.bagName);
     const signals = isBag ? this.run.bagSignals : this.cell.document.signals;
     this.end = isBag ? this.run.sceneTime : this.cell.now;
-    this.empty.hidden = Object.keys(signals).length > 0;
-    keyed(this.list, Object.entries(signals), ([id]) => id, makeChart, (chart, [id, signal]) => {
+    const shown = this.#ofRobot(signals);
+    this.empty.hidden = shown.length > 0;
+    setText(this.empty, Object.keys(signals).length ? `${localName(this.selection.robot.slice(1))} has no signals.`
+      : "The scene has no signals. Elements of the class skiros:Signal name them.");
+    keyed(this.list, shown, ([id]) => id, makeChart, (chart, [id, signal]) => {
       setText(chart.name, this.cell.label(id, this.run.shownScene.elements));
       const samples = isBag ? signal.samples : (this.#samples.get(id) ?? []);
       const value = isBag ? samples.findLast(([time]) => time <= this.end)?.[2] : signal.value;
@@ -49,6 +55,18 @@ export class SignalsView {
       chart.samples = samples;
     });
     for (const chart of this.list.children) this.#draw(chart, chart.samples); // in the page, they have a size
+  }
+
+  // The signals of the selected robot, if the signals are of robots; with the choice of another one.
+  #ofRobot(signals) {
+    const entries = Object.entries(signals);
+    const { robot } = this.selection;
+    const names = [...new Set([...entries.map(([, signal]) => signal.robot), robot])].filter(Boolean).sort();
+    const ofRobots = entries.some(([, signal]) => signal.robot);
+    this.tools.hidden = !ofRobots || names.length < 2 && !robot;
+    keyed(this.robots, ["", ...names], (name) => name, (name) => h("option", { value: name }, name ? localName(name.slice(1)) : "All robots"), () => {});
+    if (this.robots.value !== robot) this.robots.value = robot;
+    return ofRobots && robot ? entries.filter(([, signal]) => signal.robot === robot) : entries;
   }
 
   #draw(chart, samples) {

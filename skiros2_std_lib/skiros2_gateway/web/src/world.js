@@ -6,14 +6,42 @@ import { clock, h, keyed, localName, number, setText } from "./dom.js";
 const PARTS = new Set(["skiros:contain", "skiros:hasA"]);
 const ROOT = "skiros:Scene-0";
 
-// The selected element, shared by the tree and the 3D view. Dispatches `change`.
+// The selected element, shared by the tree and the 3D view, and the selected robot: that of the element, by the name of
+// its manager; "" for all. Dispatches `change`.
 export class Selection extends EventTarget {
   id = null;
+  robot = "";
+
+  constructor(cell) {
+    super();
+    this.cell = cell;
+  }
 
   select(id) {
     this.id = id;
+    this.robot = robotOfElement(id, this.cell.document.elements) || this.robot;
     this.dispatchEvent(new Event("change"));
   }
+
+  selectRobot(name) {
+    const { elements } = this.cell.document;
+    this.robot = name;
+    this.id = Object.keys(elements).find((id) => name && managerOf(elements[id]) === name) ?? this.id;
+    this.dispatchEvent(new Event("change"));
+  }
+}
+
+const managerOf = (element) => element?.properties["skiros:SkillMgr"]?.map((name) => `/${String(name).replace(/^\/+/, "")}`)[0] ?? "";
+
+// The robot that has an element as a part of its parts, or is it.
+function robotOfElement(id, elements) {
+  const seen = new Set();
+  while (id && elements[id] && !seen.has(id)) {
+    if (managerOf(elements[id])) return managerOf(elements[id]);
+    seen.add(id);
+    id = Object.keys(elements).find((other) => elements[other].relations.some(([type, part]) => type === "skiros:hasA" && part === id));
+  }
+  return "";
 }
 
 export class WorldView {

@@ -37,11 +37,13 @@ from skiros2_gateway.core.users import UsersFile
 from skiros2_gateway.core.work_masters import WorkMasters, read_work_masters
 from skiros2_gateway.http.alarms import alarms_router
 from skiros2_gateway.http.app import create_app
+from skiros2_gateway.http.cameras import cameras_router
 from skiros2_gateway.http.figures import figures_router
 from skiros2_gateway.http.live import live_router, page_router
 from skiros2_gateway.http.other_cells import other_cells_router
 from skiros2_gateway.http.server import GRACE, HttpServer, Limits
 from skiros2_gateway.mqtt.bridge import MqttBridge
+from skiros2_gateway.ros.cameras import RosCameras
 from skiros2_gateway.ros.live import LiveRos
 from skiros2_gateway.ros.ros_cell import RosCell
 from skiros2_gateway.ros.stop_process import StopProcess
@@ -151,12 +153,14 @@ def _live_view(
     view = LiveView(cell.document)
     live = LiveRos(cell)
     stack.callback(live.close)
+    cameras = RosCameras(cell)
+    stack.callback(cameras.close)
     stack.callback(asyncio.get_running_loop().create_task(view.follow(service)).cancel)
     bags = Bags(Path(settings.bags).expanduser() if settings.bags else None, settings.make_folder() / "bags")
     page = _share() / "page"  # missing if it was not built
     others = OtherCells(read_cells(Path(settings.cells).expanduser()) if settings.cells else [])
-    routers = [alarms_router(view), other_cells_router(others), page_router(page, stop_port)]
-    return [live_router(view, live, bags, stop_port), *routers]
+    routers = [live_router(view, live, bags, stop_port), cameras_router(view, cameras), alarms_router(view)]
+    return [*routers, other_cells_router(others), page_router(page, stop_port)]
 
 
 def _share() -> Path:

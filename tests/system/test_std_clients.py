@@ -11,6 +11,7 @@ from typing import Any
 import actionlib
 import pytest
 import rospy
+from actionlib.action_client import ActionClient, GoalManager
 from actionlib_msgs.msg import GoalStatus
 from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 
@@ -133,9 +134,31 @@ def test_successful_action_is_a_success_with_the_server_text(server: Server, on_
         assert skill.start()
         assert run(skill) is State.Success
         assert skill.progress_msg == "all done"
-        # Feedback and result have no order, and actionlib drops what comes before send_goal has returned.
+        # Feedback and result have no order.
         assert set(skill.heard) <= {"half", "nearly"}
     assert server.goals == ["good", "good"]
+
+
+def test_answers_that_arrive_while_the_goal_is_sent_are_heard(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    told = threading.Event()
+    send, tell = ActionClient.send_goal, GoalManager.update_feedbacks
+
+    def sending(self: ActionClient, *args: Any) -> Any:
+        handle = send(self, *args)
+        told.wait(1.0)
+        return handle
+
+    def telling(self: GoalManager, *args: Any) -> None:
+        tell(self, *args)
+        told.set()
+
+    monkeypatch.setattr(ActionClient, "send_goal", sending)
+    monkeypatch.setattr(GoalManager, "update_feedbacks", telling)
+    skill = loaded(job_action, wish="long")
+    assert skill.start()
+    run(skill, until=lambda: len(skill.heard) == 2)
+    assert skill.heard == ["half", "nearly"]
+    server.go_on.set()
 
 
 def test_aborted_action_is_a_failure_with_its_status_as_code(server: Server) -> None:

@@ -9,7 +9,7 @@ from actionlib import CommState
 from actionlib_msgs.msg import GoalStatus
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.ros.connections import ServerWatch
+from skiros2_common.ros.connections import ServerWatch, send_goal
 from skiros2_std_skills.client_primitive import LOST, NO_ANSWER, NO_SERVER, ClientPrimitive
 
 __all__ = ["PrimitiveActionClient"]
@@ -37,7 +37,8 @@ class PrimitiveActionClient(ClientPrimitive):
     - `build_client_onstart`: True makes a client at each start, so that it may depend on the parameters; False makes
       one when the skill is loaded;
     - `fb`, `res`: queues that `_feedbackCb` and `_doneCb` fill from the client's thread, with feedback messages and
-      with (status, result message). An `onStart` of a subclass passes the two to `client.send_goal`.
+      with (status, result message). An `onStart` of a subclass passes the two to `client.send_goal`, or to
+      `skiros2_common.ros.connections.send_goal`, which hears all answers.
     """
 
     build_client_onstart = True
@@ -165,14 +166,14 @@ class PrimitiveActionClient(ClientPrimitive):
         """Sends the goal once the server is connected."""
         if watch.is_connected():
             goal, self._goal = self._goal, None
-            self.client.send_goal(goal, done_cb=self._doneCb, feedback_cb=self._feedbackCb)
+            send_goal(self.client, goal, done_cb=self._doneCb, feedback_cb=self._feedbackCb)
             return self.step(GOAL_SENT)
         if watch.time_since_status() > SERVER_TIMEOUT or watch.age() > _CONNECTION_TIMEOUT:
             return self.fail(f"Action server {watch.name} is not available.", NO_SERVER)
         return self.step(f"{WAITING} {watch.name}")
 
     def _result_missed(self) -> bool:
-        # Answers that arrive before `send_goal` returns do not reach the callbacks.
+        # `client.send_goal`, if a subclass calls it, drops answers that arrive before it has returned.
         handle = self.client.gh
         if handle is None or handle.get_comm_state() != CommState.DONE:
             return False

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import select
 import socket
 import threading
 import time
 import urllib.parse
+from collections.abc import Callable
 from typing import Any
 
 import rosgraph
@@ -93,6 +95,22 @@ def wait_for_subscribers(publisher: Any, timeout: float = CONNECTION_TIMEOUT) ->
     subscribers = RegisteredSubscribers(publisher, timeout)
     while not subscribers.are_connected():
         time.sleep(_POLL_PERIOD)
+
+
+def send_goal(
+    client: Any,
+    goal: Any,
+    done_cb: Callable[[int, Any], None] | None = None,
+    feedback_cb: Callable[[Any], None] | None = None,
+) -> None:
+    """Sends a goal by an `actionlib.SimpleActionClient`, whose callbacks get every answer, also the first ones.
+
+    Its own `send_goal` makes the goal known to the callbacks when it returns, and they drop what arrives before. Here
+    they wait until then. They are called in the client's threads.
+    """
+    manager = getattr(getattr(client, "action_client", None), "manager", None)  # stand-ins of libraries have none
+    with manager.list_mutex if manager is not None else contextlib.nullcontext():
+        client.send_goal(goal, done_cb=done_cb, feedback_cb=feedback_cb)
 
 
 class ServerWatch:

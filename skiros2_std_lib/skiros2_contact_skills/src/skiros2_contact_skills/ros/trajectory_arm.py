@@ -31,6 +31,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryGoal
 from skiros2_common.core.errors import ConfigurationError, Refused
+from skiros2_common.ros.connections import send_goal
 from skiros2_contact_skills.ros.driver_calls import CONNECT_TIME, connected
 from skiros2_contact_skills.ros.profiles import Profile
 from skiros2_contact_skills.ros.topic_arm import TopicArm, without_zero
@@ -156,7 +157,7 @@ class TrajectoryArm(TopicArm):
         with self._lock:
             self._commanded, self._solution = Pose((x, y, z), turned), solution.positions
         trajectory = JointTrajectory(joint_names=list(self._chain.joints), points=[point])
-        self._client.send_goal(FollowJointTrajectoryGoal(trajectory=trajectory), done_cb=self._on_done)
+        send_goal(self._client, FollowJointTrajectoryGoal(trajectory=trajectory), done_cb=self._on_done)
 
     def _on_done(self, state: int, result: Any) -> None:
         if state in (GoalStatus.ABORTED, GoalStatus.REJECTED, GoalStatus.LOST):

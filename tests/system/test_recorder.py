@@ -12,6 +12,7 @@ import pytest
 
 from skiros2_bags.core.bag_file import BagError
 from skiros2_bags.core.run import Run, check
+from skiros2_bags.testing.recording import Recording, recorded_tasks
 from skiros2_runs.core.states import NodeState
 from support.programs import Program
 from support.ros import Ros, RosMaster, wait_until
@@ -129,6 +130,9 @@ def test_launch_file_records_evidence_and_the_program_only_on_request(recorded: 
     entries = [entry for message in messages for entry in json.loads(message.content.data)["entries"]]
     assert ["0", "post", "RobotAtTarget", True] in entries
     assert ["0.0", "hook", "onStart", None] in entries
+    (task,) = recorded_tasks(Recording(recorded.launched.path))
+    started, first, *_ = [time for _, readings in sorted(task.readings.items()) for path, time in readings]
+    assert first >= started > 0.0
     assert topic not in recorded.whole.topics
 
 

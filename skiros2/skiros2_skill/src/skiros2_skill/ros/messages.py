@@ -85,10 +85,12 @@ class ProgressPublisher:
         :param needed: whether the caller needs the result even without subscribers.
         :returns: the `SkillProgress` of each node, parents before children; [] when nobody needs it.
         """
-        entries = task.evidence.take()
-        if entries or (task.evidence.is_on and task.ended.is_set()):  # also of a task that has not started
-            self._evidence.publish(evidence_json(task.id, entries))
+        evidence, entries = task.evidence, task.evidence.take()
         has_subscribers = self._publisher.get_num_connections() > 0
+        evidence.messages += has_subscribers
+        # also of a task that has not started
+        if entries or (evidence.is_on and (evidence.readings or task.ended.is_set())):
+            self._evidence.publish(evidence_json(task.id, entries, evidence.messages, evidence.readings))
         progress = self.nodes(task) if has_subscribers or needed else []
         if has_subscribers:
             self._publisher.publish(msgs.TreeProgress(progress))

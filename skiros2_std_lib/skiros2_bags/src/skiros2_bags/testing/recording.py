@@ -6,6 +6,7 @@ from __future__ import annotations
 import functools
 import json
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,7 +24,7 @@ from skiros2_runs.core.frame import Frame, NodeProgress
 from skiros2_runs.core.runs import Runs
 from skiros2_runs.core.states import IDLE
 from skiros2_runs.core.task_run import TaskRun
-from skiros2_skill.core.engine.evidence import Entry
+from skiros2_skill.core.engine.evidence import Entry, Reading
 
 #: The most memory for ticks of tasks (bytes).
 _MAX_KEPT = 1_000_000_000
@@ -49,10 +50,12 @@ class TaskProgress(Event):
     """A tick of a task.
 
     :param frame: the tree after it.
+    :param number: of its message among those of the task, from 1.
     """
 
     run: TaskRun
     frame: Frame
+    number: int = 0
 
 
 @dataclass(frozen=True)
@@ -121,12 +124,18 @@ class Declarations(Event):
 
 @dataclass(frozen=True)
 class EvidenceEntries(Event):
-    """What the engine of a manager has done with a task; see `skiros2_skill.core.engine.evidence`."""
+    """What the engine of a manager has done with a task; see `skiros2_skill.core.engine.evidence`.
+
+    :param number: of the progress message of the same tick, from 1.
+    :param readings: the times that skills have read in this tick.
+    """
 
     manager: str
     task_id: int
     entries: tuple[Entry, ...]
     version: int
+    number: int = 0
+    readings: tuple[Reading, ...] = ()
 
 
 class Events:
@@ -187,19 +196,23 @@ class Recording(Events):
         runs = Runs(most_bytes=_MAX_KEPT)
         messages = enumerate(self.run.messages())
         topics: set[str] = set()
-        super().__init__(event for order, message in messages for event in _events(order, message, runs, topics))
+        numbers: Counter[int] = Counter()
+        super().__init__(e for order, message in messages for e in _events(order, message, runs, topics, numbers))
 
 
-def _events(order: int, message: Message, runs: Runs, signals: set[str]) -> Iterator[Event]:
+def _events(order: int, message: Message, runs: Runs, signals: set[str], numbers: Counter[int]) -> Iterator[Event]:
     """Yields the events of a message.
 
     :param signals: the topics of the signals that earlier messages have described; updated.
+    :param numbers: how many progress messages of each task there were, by the identity of its run; updated.
     """
     topic, kind, time = message.topic, message.type, message.time
     if kind == PROGRESS and topic.endswith("/monitor"):
         recorded = add_progress(runs, message)
-        if recorded is not None and recorded.is_new_tick:
-            yield TaskProgress(order, time, recorded.run, recorded.run.latest)
+        if recorded is not None:
+            numbers[id(recorded.run)] += 1
+            if recorded.is_new_tick:
+                yield TaskProgress(order, time, recorded.run, recorded.run.latest, numbers[id(recorded.run)])
     elif kind == MONITOR and topic.endswith("wm/monitor"):
         change = read_change(message)
         signals.update(f"/{str(e.value_of(TOPIC)).lstrip('/')}" for e in change.elements if e.hasProperty(TOPIC))
@@ -232,7 +245,10 @@ def _evidence(at: Event, message: Message) -> EvidenceEntries:
         read = [(str(path), str(kind), str(name), value) for path, kind, name, value in found["entries"]]
         entries = tuple(sorted_groups(read, "write"))
         manager, version = message.topic.removesuffix(f"/{EVIDENCE}"), int(found.get("version", 1))
-        return EvidenceEntries(at.order, at.time, manager, found["task"], entries, version)
+        readings = tuple((str(path), float(read)) for path, read in found.get("readings", ()))
+        return EvidenceEntries(
+            at.order, at.time, manager, found["task"], entries, version, int(found.get("number", 0)), readings
+        )
     except (ValueError, LookupError, TypeError, RecursionError) as error:
         raise BagError(f"{message.topic} at {message.time:.3f} s: expected evidence as JSON: {error!r}") from error
 
@@ -278,6 +294,7 @@ class RecordedTask:
     :param begin: order of the first message that the task may have caused.
     :param evidence: what the engine has done with it; None if that was not recorded.
     :param has_writes: whether this has what hooks wrote.
+    :param readings: the times that skills have read, by the number of the tick's progress message.
     """
 
     run: TaskRun
@@ -286,6 +303,7 @@ class RecordedTask:
     begin: int = 0
     evidence: list[Entry] | None = None
     has_writes: bool = False
+    readings: dict[int, tuple[Reading, ...]] = field(default_factory=dict)
 
     @property
     def manager(self) -> str:
@@ -326,6 +344,10 @@ def recorded_tasks(recording: Events) -> list[RecordedTask]:
         if latest:
             latest[-1].evidence = [*(latest[-1].evidence or ()), *event.entries]
             latest[-1].has_writes = event.version >= 2
+            latest[-1].readings[event.number] = event.readings
+    for task in tasks:
+        if max(task.readings, default=0) > task.progress[-1].number:
+            task.readings = {}  # the recorder has missed progress: the ticks of the readings are not known
     return tasks
 
 

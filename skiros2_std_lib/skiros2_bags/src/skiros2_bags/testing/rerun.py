@@ -361,6 +361,7 @@ class RerunPass:
         has_result = progress.order in self._ordering.results
         states, counts = task.states_between(progress), self._ordering.counts
         self.actions.deliver_answers(task.progress, progress, states, has_result, counts)
+        task.set_readings(progress, 0.0 if self._clock_ticks else self._begin)
         before = task.progress
         mismatch = task.tick(progress, self._due_changes(progress), progress.order in self._ordering.preempting)
         where = f"{self._where(progress)}, tick {run.progress.index(progress) + 1} of {run}"

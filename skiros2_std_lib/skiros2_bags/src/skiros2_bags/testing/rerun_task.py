@@ -248,6 +248,16 @@ class RerunTask:
         """Requests preemption of the task."""
         self._task.preempt()
 
+    def set_readings(self, progress: TaskProgress, origin: float) -> None:
+        """Sets the times that the skills read in the next tick, as far as they were recorded.
+
+        :param origin: the recorded time (s) at which the clock of the re-run is 0.
+        """
+        found: dict[str, list[float]] = {}
+        for path, time in self.run.readings.get(progress.number, ()):
+            found.setdefault(path, []).append(time - origin)
+        self._task.evidence.recorded_readings = found
+
     def tick(
         self, progress: TaskProgress, due_changes: Callable[[], list[Change]], is_preempting: bool
     ) -> tuple[str, str, str] | None:

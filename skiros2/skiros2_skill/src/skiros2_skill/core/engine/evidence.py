@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.clock_notes import reading_clock
 from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.explanation import DEFAULT, HOLD, SPECIFIED, UNSET
 from skiros2_common.core.json_codec import ParamsEncoder
@@ -36,8 +37,11 @@ _OWN = frozenset({DEFAULT, SPECIFIED, UNSET})
 #: The hooks whose writes count. What the engine writes itself follows from its entries.
 _WRITING = frozenset({"onStart", EXECUTE_HOOK, "onPreempt", "onEnd"})
 
-#: Of the format of published entries: 2 has writes.
-VERSION = 2
+#: A time that a skill has read while it was ticked: the path of its node, and s of its clock.
+Reading = tuple[str, float]
+
+#: Of the format of published entries: 2 has writes, 3 the times that skills have read.
+VERSION = 3
 
 
 class Evidence:
@@ -48,6 +52,12 @@ class Evidence:
         self.is_on = False
         #: Whether writes are noted too.
         self.has_writes = True
+        #: The times that skills have read in the last tick: what they decide by them no message states exactly.
+        self.readings: list[Reading] = []
+        #: How many progress messages of the task were published.
+        self.messages = 0
+        #: In a re-run: the times that the skills of a tick get instead, by path, oldest first.
+        self.recorded_readings: Mapping[str, Sequence[float]] = {}
         self._entries: list[Entry] = []
         self._last: dict[SkillRun, dict[str, object]] = {}  # of the running skills
         self._pushed: dict[SkillRun, set[str]] = {}  # keys, by running skill
@@ -77,7 +87,17 @@ class Evidence:
                 if hook in _WRITING:
                     self._written.append((run, hook, write))
 
-        with noting_writes(note if self.has_writes else None):
+        recorded = {path: list(times) for path, times in self.recorded_readings.items()}
+
+        def read(now: float) -> float:
+            runs = [call[0] if isinstance(call, tuple) else call for call in guard.calls[-1:]]
+            path = _path(runs[0].node) if runs else ""
+            time = recorded[path].pop(0) if recorded.get(path) else now
+            self.readings.append((path, time))
+            return time
+
+        self.readings = []
+        with noting_writes(note if self.has_writes else None), reading_clock(read):
             state = tick()
         self._note_writes()
         return state
@@ -151,9 +171,14 @@ class Evidence:
         return is_other
 
 
-def evidence_json(task_id: int, entries: list[Entry]) -> str:
-    """Returns entries as managers publish them."""
-    return json.dumps({"version": VERSION, "task": task_id, "entries": entries})
+def evidence_json(task_id: int, entries: list[Entry], number: int, readings: Sequence[Reading]) -> str:
+    """Returns evidence as managers publish it.
+
+    :param number: of the progress message of the same tick, from 1.
+    :param readings: in the tick of that message.
+    """
+    found = {"version": VERSION, "task": task_id, "entries": entries, "number": number, "readings": readings}
+    return json.dumps(found)
 
 
 def _path(node: Node) -> str:

@@ -89,6 +89,29 @@ def test_failed_step_of_an_earlier_plan_is_reported(tmp_path: Path) -> None:
     ]
 
 
+def test_parallel_steps_may_start_in_another_order(tmp_path: Path) -> None:
+    """The task manager sends the steps of a robot with two arms at the same time: a busy machine swaps them."""
+    reported = [
+        {**step, "task": task} for step, task in zip(json.loads(done("failed", "succeeded")), (7, 8), strict=True)
+    ]
+    messages = [message for message in good_run() if message[0] not in ("progress", "result")]
+    messages += [("progress", tree("place")), ("progress", tree("pick", FAILURE))]
+    messages.append(("result", ("goal-1", "succeeded", json.dumps(reported))))
+    assert failed(tmp_path, messages) == ""
+    swapped = [{**step, "task": 15 - step["task"]} for step in reported]
+    messages[-1] = ("result", ("goal-1", "succeeded", json.dumps(swapped)))
+    (tmp_path / "run.bag").unlink()
+    assert "reported: pick (failed), place" in failed(tmp_path, messages)
+
+
+@pytest.mark.parametrize("state", [SUCCESS, FAILURE])
+def test_stopped_step_has_not_succeeded(tmp_path: Path, state: int) -> None:
+    messages = with_tree(tree("place", state))
+    messages[-1] = ("result", ("goal-1", "succeeded", done("succeeded", "stopped")))
+    told = failed(tmp_path, messages)
+    assert told == ("" if state == FAILURE else "/robot did: pick, place; reported: pick, place (stopped)")
+
+
 def test_unreported_skills_fail(tmp_path: Path) -> None:
     messages = good_run()
     messages[-1] = ("result", ("goal-1", "succeeded", json.dumps(json.loads(done("succeeded", "succeeded"))[:1])))

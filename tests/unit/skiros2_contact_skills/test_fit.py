@@ -93,8 +93,18 @@ def test_fingers_that_are_not_measured_are_no_evidence() -> None:
 
 
 def test_floor_withstands_the_force_for_some_time_and_yields_to_none() -> None:
-    test = FloorTest(0.06, 0.0, 18.0, 2000.0)
+    test = FloorTest(0.06, 0.0, 18.0, 2000.0, excess=2.0)
     assert not test.has_passed(5.0, 0.1)
     assert not test.has_passed(15.0, 0.2)
     assert test.has_passed(15.0, 0.4)
     assert test.has_yielded(0.0606) and not test.has_yielded(0.0604)
+
+
+def test_push_on_what_moves_leads_by_little_more_than_its_friction() -> None:
+    """A part that moves is not on the floor: friction withstands the push, and may end at once."""
+    push = FloorTest(0.06, 0.0, 18.0, 2000.0, excess=2.0)
+    while (lead := push.lead(10.0, 0.06, 0.04)) < 0.007:
+        pass
+    assert lead > 12.0 / 2000.0, "what does not move is pushed with the whole force"
+    assert push.lead(3.0, 0.0602, 0.04) == pytest.approx(5.0 / 2000.0)
+    assert push.lead(-1.0, 0.0604, 0.04) == pytest.approx(2.0 / 2000.0)

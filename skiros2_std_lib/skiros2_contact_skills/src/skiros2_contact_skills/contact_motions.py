@@ -42,7 +42,7 @@ _LIFT = 0.01
 #: Stiffness along the tool axis of insertions (N/m).
 _INSERTION_STIFFNESS = 2000.0
 #: An insertion brakes within this time before its end (s), down to this speed (m/s).
-_BRAKING_TIME, _SLOWEST = 0.4, 0.005
+_BRAKING_TIME, _SLOWEST = 0.4, 0.003
 #: Distance from the wanted depth within which a part that has moved in this time is pushed with the friction and what
 #: the damping takes up (m, s): more throws it at the floor when the friction ends. The reference never leads as far.
 _NEAR_FLOOR, _MOVING_TIME = 0.01, 0.2
@@ -157,6 +157,7 @@ class insert_part(ContactPrimitive):
     def begin(self, state: ArmState) -> None:
         self.set_stiffness(_INSERTION_STIFFNESS)
         self._slowest = self.permitted(_SLOWEST, axis_of(state))  # meets the floor
+        self._damping = 2.0 * self.damping[2] * math.sqrt(_INSERTION_STIFFNESS)  # along the axis (N s/m)
         self._wanted = self.number("Depth", self.fit().depth)
         self._best = self._target = self.depth(state)
         self._best_at = state.stamp
@@ -186,15 +187,15 @@ class insert_part(ContactPrimitive):
         if is_deep and (is_stuck or pressed(state) >= self.value("SeatForce")):
             if self.value("SeatForce") == 0.0:  # the bore has no floor
                 return self._judge(state, Judgement.INSERTED)
-            self._test = FloorTest(depth, state.stamp, self.value("Force"), _INSERTION_STIFFNESS)
+            excess = self._damping * self._slowest
+            self._test = FloorTest(depth, state.stamp, self.value("Force"), _INSERTION_STIFFNESS, excess)
             return self._push(state, dt, self._test)
         if is_stuck:
             return self._judge(state, Judgement.JAMMED, NO_PROGRESS)
         force = self.value("EntryForce") if depth < self.value("EntryDepth") else self.value("Force")
         speed = min(self.value("Speed"), max(self._slowest, (wanted - depth) / _BRAKING_TIME))
         if depth > wanted - _NEAR_FLOOR and state.stamp - self._best_at < _MOVING_TIME:
-            damping = 2.0 * self.damping[2] * math.sqrt(_INSERTION_STIFFNESS)
-            force = min(force, max(pressed(state), 0.0) + damping * speed)
+            force = min(force, max(pressed(state), 0.0) + self._damping * speed)
         # the spring along the axis is stretched until it pulls with that force
         self._target = min(self._target + speed * dt, depth + force / _INSERTION_STIFFNESS, wanted + 2.0 * _BEYOND)
         self.arm.set_reference(self._reference(state, dt, self._target - depth))
@@ -212,7 +213,7 @@ class insert_part(ContactPrimitive):
         elif state.stamp - test.started > self.value("Patience"):
             return self._judge(state, Judgement.NO_FLOOR, NO_PROGRESS)
         else:
-            self.arm.set_reference(self._reference(state, dt, test.lead(pressed(state), dt)))
+            self.arm.set_reference(self._reference(state, dt, test.lead(pressed(state), depth, dt)))
         return self.step(f"Pushing {1000 * depth:.1f} mm deep, {forces(state)}")
 
     def _judge(self, state: ArmState, judgement: Judgement, code: int = 0) -> State:

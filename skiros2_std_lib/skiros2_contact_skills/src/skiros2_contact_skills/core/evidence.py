@@ -21,6 +21,8 @@ _CHANGE, _OPEN = 0.003, 0.001
 _YIELDS, _STANDS, _FORCE = 0.0005, 0.2, 0.7
 #: Time constant with which the push follows the measured force (s), and the lowest stiffness of an arm (N/m).
 _FOLLOWS, _SOFTEST = 0.2, 400.0
+#: Speed from which on the tool counts as moving (m/s).
+_CREEP = 0.001
 
 
 class Judgement(StrEnum):
@@ -132,23 +134,31 @@ class FloorTest:
     :param now: time (s).
     :param force: of the push (N).
     :param stiffness: along the tool axis (N/m).
+    :param excess: force above the measured one that does not throw a moving part at the floor (N).
     """
 
-    def __init__(self, depth: float, now: float, force: float, stiffness: float) -> None:
-        self._depth, self._force, self._stiffness = depth, force, stiffness
+    def __init__(self, depth: float, now: float, force: float, stiffness: float, excess: float) -> None:
+        self._depth, self._force, self._stiffness, self._excess = depth, force, stiffness, excess
+        self._last = depth
         self.started = now
         self._stands_since = math.inf
         self._lead = 0.0
 
-    def lead(self, pressed: float, dt: float) -> float:
+    def lead(self, pressed: float, depth: float, dt: float) -> float:
         """Returns how far the reference is ahead of the tool (m), so that the measured force becomes that of the test,
-        also on arms with joint friction or another stiffness.
+        also on arms with joint friction or another stiffness. While the tool moves, friction withstands it, which may
+        end: then the force is at most the measured one and the excess.
 
         :param pressed: measured force (N).
+        :param depth: of the tool (m).
         :param dt: since the last call (s).
         """
         self._lead += (self._force - pressed) / self._stiffness * dt / _FOLLOWS
-        self._lead = min(max(self._lead, 0.0), self._force / min(self._stiffness, _SOFTEST))
+        moved, self._last = depth - self._last, depth
+        most = self._force / min(self._stiffness, _SOFTEST)
+        if moved > _CREEP * dt:
+            most = min(most, (max(pressed, 0.0) + self._excess) / self._stiffness)
+        self._lead = min(max(self._lead, 0.0), most)
         return self._lead
 
     def has_yielded(self, depth: float) -> bool:

@@ -12,7 +12,7 @@ from anyio.from_thread import start_blocking_portal
 
 from skiros2_gateway.agents.server import AgentServer
 from skiros2_gateway.core.access import AGENTS, Caller, Role
-from skiros2_gateway.core.approvals import Approvals, Request
+from skiros2_gateway.core.approvals import Approvals, Ending, Request
 from skiros2_gateway.core.bags import Bags
 from skiros2_gateway.core.figures import Figures
 from skiros2_gateway.core.live import LiveView
@@ -89,7 +89,9 @@ async def fill(gateway: Any) -> None:
     await gateway.put("order-7", work_master="place", parameters={"Tray": "Tray-1"}, description="Clear the shelf")
     gateway.cell.document.apply(Connection(TASK_MANAGER, "/tm", False, gateway.now, "It has ended with status 1."))
     lost = {"kind": "connection", "source": "world model", "text": "the connection is lost", "since": gateway.now - 300}
-    gateway.service.alarms.listed({"connection/world model@1": lost})
+    asked = {"kind": "approval", "source": "1", "text": "agent asks for an approval", "since": gateway.now - 300}
+    gateway.service.alarms.listed({"connection/world model@1": lost, "approval/1@1": asked})
+    gateway.service.alarms.approval_has_ended("1", Ending.EXPIRED, "nobody has approved it within 300 s")
     gateway.cell.document.apply(EntriesChanged("elements", ELEMENTS))
     now = gateway.cell.document.clock()
     signals = {eid: {**signal, "time": now} for eid, signal in SIGNALS.items()}

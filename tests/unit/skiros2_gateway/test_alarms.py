@@ -7,6 +7,12 @@ from collections.abc import Callable
 from contextlib import asynccontextmanager
 from typing import Any
 
+import pytest
+
+from skiros2_common.core.errors import Refused
+from skiros2_gateway.core.access import Caller, Role
+from skiros2_gateway.core.alarms import MAX_UNANSWERED
+from skiros2_gateway.core.approvals import Approvals, Request
 from skiros2_gateway.core.job import Method
 from skiros2_gateway.core.live import LiveView
 from skiros2_gateway.http.alarms import alarms_router
@@ -90,6 +96,78 @@ def test_latched_alarm_survives_restarts_and_is_one_with_the_next_of_its_source(
                 await asyncio.sleep(0.01)
             assert list(view.alarms) == ["robot/robot@9.00"]
             assert "cleared" not in view.alarms["robot/robot@9.00"]
+
+    in_gateway(test)
+
+
+AGENT, PERSON = Caller("agent", Role.AGENT, "mcp"), Caller("approve", Role.APPROVE, "rest", person=True)
+ASKED = Request({"goal": "(at robot home)"})
+
+
+def ask(gateway: Any) -> asyncio.Task[str]:
+    return asyncio.get_running_loop().create_task(gateway.service.approvals.request(AGENT, ASKED))
+
+
+@pytest.mark.parametrize("is_approved", [True, False])
+def test_answered_request_is_no_alarm_any_more(in_gateway: Run, is_approved: bool) -> None:
+    async def test(gateway: Any) -> None:
+        async with followed(gateway) as view:
+            asked = ask(gateway)
+            [approval] = await kinds(view, 1)
+            gateway.service.approvals.answer(PERSON, approval, is_approved)
+            assert await kinds(view, 0) == {}
+            await asyncio.gather(asked, return_exceptions=True)
+        gateway.restart()
+        async with followed(gateway) as view:
+            assert await kinds(view, 0) == {}
+
+    in_gateway(test)
+
+
+def test_request_without_an_answer_is_an_alarm_until_it_is_acknowledged_also_after_restarts(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with followed(gateway) as view:
+            with pytest.raises(Refused):
+                await Approvals(gateway.events, timeout=0.05).request(AGENT, ASKED)
+            await cleared(view, 1)
+            gone = ask(gateway)
+            await kinds(view, 2)
+            gone.cancel()
+            await cleared(view, 2)
+            revoked = ask(gateway)
+            await asyncio.sleep(0)
+            gateway.service.approvals.withdraw(lambda caller: True)
+            await cleared(view, 3)
+            await asyncio.gather(revoked, return_exceptions=True)
+            texts = [alarm["text"] for alarm in view.alarms.values()]
+            for text in ("within 0.05 s", "the client has gone", "may not ask for it any more"):
+                assert sum(text in each for each in texts) == 1
+            waits = ask(gateway)
+            await kinds(view, 4)
+        gateway.restart()  # nobody can answer it any more
+        async with followed(gateway) as view:
+            await cleared(view, 4)
+            await gateway.service.acknowledge(OPERATOR, list(view.alarms), view.alarms)
+            assert await kinds(view, 0) == {}
+        waits.cancel()
+
+    in_gateway(test)
+
+
+def test_requests_without_an_answer_push_out_no_other_alarm(in_gateway: Run) -> None:
+    async def test(gateway: Any) -> None:
+        async with followed(gateway) as view:
+            robot = {"name": "/robot", "state": "protective_stop", "reason": "light curtain", "since": 7.0}
+            gateway.events.publish("cell", {"robots": [robot]})
+            await kinds(view, 1)
+            gateway.events.publish("cell", {"robots": [{**robot, "state": "idle"}]})
+            for _ in range(250):
+                gone = ask(gateway)
+                await asyncio.sleep(0)
+                gone.cancel()
+                await asyncio.gather(gone, return_exceptions=True)
+            await cleared(view, MAX_UNANSWERED + 1)
+            assert "robot/robot@7.00" in view.alarms
 
     in_gateway(test)
 

@@ -73,7 +73,8 @@ export class AlarmsView {
     element.kind.className = `chip ${role}`;
     setText(element.text, this.cell.withLabels(alarm.text));
     const seen = alarm.acknowledged;
-    const over = alarm.cleared ? `cleared ${moment(alarm.cleared, this.cell.now)}, not acknowledged` : "";
+    const ending = alarm.kind === "approval" ? "ended without an answer" : "cleared";
+    const over = alarm.cleared ? `${ending} ${moment(alarm.cleared, this.cell.now)}, not acknowledged` : "";
     setText(element.seen, seen ? `acknowledged by ${seen.user}, ${moment(seen.time, this.cell.now)}` : over);
     element.details.hidden = alarm.kind !== "job";
     element.details.value = alarm.source;

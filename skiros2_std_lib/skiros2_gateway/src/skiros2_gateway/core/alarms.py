@@ -5,8 +5,8 @@ the id or name, `since` in s since the epoch, `acknowledged` {user, time} or mis
 (s since the epoch), or missing. Its id names the occurrence, such as `robot/arm@1795870338.17`.
 
 Alarms latch: one whose cause has gone away is listed until a person acknowledges it, also after restarts. If the robot
-stops again meanwhile, the new alarm takes the place of that one. An approval does not latch: it was answered, or has
-ended; nor does a part that has not answered yet when the gateway starts.
+stops again meanwhile, the new alarm takes the place of that one. An approval that a person has answered does not latch;
+nor does a part that has not answered yet when the gateway starts.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName
+from skiros2_gateway.core.approvals import Ending
 from skiros2_gateway.core.cell import CANCELLED, REACHED
 from skiros2_gateway.core.problems import StoreFailed
 from skiros2_gateway.core.store import JobStore
@@ -31,8 +32,8 @@ TABLES = frozenset(("jobs", "connections", "cell", "approvals"))
 _FINE = frozenset(("", CANCELLED, *REACHED))
 
 
-#: The latched alarms that are kept, the newest.
-_MAX_LATCHED = 200
+#: The latched alarms that are kept, the newest: of approvals, and of all others, which agents cannot push out.
+MAX_UNANSWERED, _MAX_LATCHED = 50, 200
 
 
 def alarms_of(document: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
@@ -95,13 +96,16 @@ class Alarms:
             if alarm_id in self._acknowledged:
                 continue
             if alarm_id in found:
-                if alarm["kind"] != "approval" and alarm["since"]:
+                if alarm["since"]:
                     latched[alarm_id] = alarm
             elif (alarm["kind"], alarm["source"]) not in sources:
                 is_kept = "cleared" in alarm or alarm["kind"] == "job"  # of jobs see `job_was_cleared`
                 latched[alarm_id] = alarm if is_kept else {**alarm, "cleared": time.time()}
-        newest = sorted(latched, key=lambda each: float(latched[each]["since"]))[-_MAX_LATCHED:]
-        self._latched = {alarm_id: latched[alarm_id] for alarm_id in newest}
+        newest = sorted(latched, key=lambda each: float(latched[each]["since"]))
+        approvals = [alarm_id for alarm_id in newest if latched[alarm_id]["kind"] == "approval"]
+        others = [alarm_id for alarm_id in newest if latched[alarm_id]["kind"] != "approval"]
+        kept = (*others[-_MAX_LATCHED:], *approvals[-MAX_UNANSWERED:])
+        self._latched = {alarm_id: latched[alarm_id] for alarm_id in kept}
         self._write()
         return {**self._latched, **{alarm_id: self._with_user(alarm_id, alarm) for alarm_id, alarm in found.items()}}
 
@@ -110,6 +114,15 @@ class Alarms:
         for alarm_id, alarm in self._latched.items():
             if (alarm["kind"], alarm["source"]) == ("job", job_id) and "cleared" not in alarm:
                 self._latched[alarm_id] = {**alarm, "cleared": time.time()}
+
+    def approval_has_ended(self, approval: str, ending: Ending, text: str) -> None:
+        """Notes how a request for an approval has ended: the alarm of an unanswered one stays."""
+        for alarm_id, alarm in list(self._latched.items()):
+            if (alarm["kind"], alarm["source"]) == ("approval", approval):
+                del self._latched[alarm_id]
+                if not ending.is_answer:
+                    ended = {"text": f"{alarm['text']}: {text}", "cleared": time.time()}
+                    self._latched[alarm_id] = {**alarm, **ended}
 
     def _with_user(self, alarm_id: str, alarm: dict[str, Any]) -> dict[str, Any]:
         acknowledged = self._acknowledged.get(alarm_id)

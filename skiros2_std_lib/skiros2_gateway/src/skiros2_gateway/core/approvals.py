@@ -9,6 +9,7 @@ import secrets
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any
 
 from skiros2_common.core.errors import Conflict, Refused, UnknownName
@@ -18,6 +19,21 @@ from skiros2_gateway.core.problems import Denied
 
 #: Requests that may wait at once: of all users, and of one.
 MAX_OPEN, MAX_OPEN_OF_USER = 50, 10
+
+
+class Ending(StrEnum):
+    """How a request has ended."""
+
+    APPROVED = "approved"
+    REJECTED = "rejected"
+    EXPIRED = "expired"  # nobody has answered in time
+    WITHDRAWN = "withdrawn"  # the client has gone
+    REVOKED = "revoked"  # the user may not ask for it any more
+
+    @property
+    def is_answer(self) -> bool:
+        """Whether a person has answered."""
+        return self in (Ending.APPROVED, Ending.REJECTED)
 
 
 @dataclass(frozen=True)
@@ -103,7 +119,8 @@ class Approvals:
     async def request(self, caller: Caller, asked: Request, *, by_person: bool = False) -> str:
         """Publishes an event `approval` and waits for an answer. Returns the name of the user who approves.
 
-        The request is withdrawn when the caller's task is cancelled.
+        A second event has the `id`, the `Ending` as `ended`, and `text`. The request is withdrawn when the caller's
+        task is cancelled.
 
         :param by_person: whether a person has to approve it, whatever the configuration is.
         :raises Refused: it is rejected, nobody answers in time, or too many requests wait.
@@ -118,19 +135,20 @@ class Approvals:
         answer: asyncio.Future[tuple[str, bool]] = asyncio.get_running_loop().create_future()
         self._open[approval.id] = _Open(approval, caller, answer)
         self._events.publish("approval", approval.to_dict())
-        outcome = "withdrawn: the client has gone"
+        ending, text = Ending.WITHDRAWN, "withdrawn: the client has gone"
         try:
             user, is_approved = await asyncio.wait_for(answer, self._timeout)
-            outcome = f"{'approved' if is_approved else 'rejected'} by {user}"
+            ending = Ending.APPROVED if is_approved else Ending.REJECTED
+            text = f"{ending} by {user}"
         except TimeoutError:
-            outcome = f"nobody has approved it within {self._timeout:g} s"
-            raise Refused(outcome) from None
+            ending, text = Ending.EXPIRED, f"nobody has approved it within {self._timeout:g} s"
+            raise Refused(text) from None
         except Refused as error:
-            outcome = str(error)
+            ending, text = Ending.REVOKED, str(error)
             raise
         finally:
             self._open.pop(approval.id, None)
-            self._events.publish("approval", {"id": approval.id, "ended": outcome})
+            self._events.publish("approval", {"id": approval.id, "ended": ending, "text": text})
         if not is_approved:
             raise Refused(f"{user} has rejected it")
         return user

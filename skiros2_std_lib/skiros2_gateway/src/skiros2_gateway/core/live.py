@@ -149,6 +149,9 @@ class LiveView:
                     self.put_job(event.data)
                     self._fill_up(service)
                 elif event.kind == "approval":
+                    if "ended" in event.data:
+                        self._show_alarms()  # also of a request that was made just now
+                        service.alarms.approval_has_ended(*(event.data[each] for each in ("id", "ended", "text")))
                     self.put("approvals", event.data["id"], self._approval(event.data))
                 elif event.kind == "cell":
                     self.replace("cell", event.data)

@@ -27,7 +27,7 @@ def alarms_router(view: LiveView) -> APIRouter:
 
     @router.get("", responses=answers(models.Alarms))
     async def alarms(caller: CallerArg, service: ServiceArg) -> dict[str, Any]:
-        """What needs a person: failed jobs, lost parts, stopped robots and waiting approvals."""
+        """What needs a person: failed jobs, lost parts, stopped robots and unanswered approvals."""
         service.view(caller)
         return {"alarms": [{"id": alarm_id, **alarm} for alarm_id, alarm in view.alarms.items()]}
 

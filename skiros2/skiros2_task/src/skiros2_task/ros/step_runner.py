@@ -6,6 +6,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Collection
+from contextlib import suppress
 
 import rospy
 
@@ -105,8 +106,10 @@ class ManagerStepRunner(SkillLayerInterface):
             if seconds is not None:
                 self._durations.record(run.step.skill, manager.name, seconds)
         except SkirosError as error:
+            run.abandon()
             run.ended(False, str(error), ())
         except Exception as error:
+            run.abandon()
             log.exception("%s", run.step)
             run.ended(False, f"internal error: {type(error).__name__}: {error}", ())
 
@@ -128,6 +131,7 @@ class ManagerStepRunner(SkillLayerInterface):
         try:
             run.follow(manager, lambda: self.agents.get(manager.name) is manager)
         except SkirosError as error:
+            run.abandon()
             run.ended(False, str(error), ())
 
     def _find(self, manager: str, timeout: float = _MANAGER_TIMEOUT) -> SkillManagerInterface:
@@ -182,6 +186,11 @@ class _StepRun:
             self._stopped = True
             if self._run is not None:
                 self._run.cancel()
+
+    def abandon(self) -> None:
+        """Stops a step whose result is lost: its task may still run, and would do so beside a new plan."""
+        with suppress(rospy.ROSException):  # the manager has gone meanwhile: its connections are closed
+            self.stop()
 
     def execute(self, manager: SkillManagerInterface, skill: SkillHolder, is_alive: Callable[[], bool]) -> float | None:
         """Blocks until the step has ended. Returns its duration (s); None if it failed.

@@ -8,7 +8,8 @@ import sys
 import urllib.error
 import urllib.request
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from skiros2_msgs.srv import ResourceGetDescriptions
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.planning_world import PlanningWorld
 from support.programs import ProcessId, Program
-from support.ros import Ros, wait_until
+from support.ros import Ros, RosMaster, wait_until
 
 TESTS = Path(__file__).resolve().parents[1]
 TOKENS = {name: f"{name}-0123456789abcdef" for name in ("agent", "view", "operate", "approve", "maintain")}
@@ -42,6 +43,16 @@ MASTERS = {
 
 def operator_token(number: int) -> str:
     return f"operator-{number}-0123456789abcdef"
+
+
+@contextmanager
+def job_cell(master: RosMaster, folder: Path, **settings: Any) -> Iterator[JobCell]:
+    """Yields a cell with nodes of its own, which end with the block; see `JobCell`."""
+    ros = Ros(master)
+    try:
+        yield JobCell(ros, folder, **settings)
+    finally:
+        ros.stop()
 
 
 class JobCell:

@@ -17,9 +17,9 @@ from PyQt5.QtGui import QImage
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header, String
 
-from support.job_cell import TOKENS, JobCell
+from support.job_cell import TOKENS, JobCell, job_cell
 from support.pictures import BLUE, RED, compressed, quarters
-from support.ros import Ros, RosMaster, wait_until
+from support.ros import RosMaster, wait_until
 
 pytestmark = pytest.mark.timeout(180)
 
@@ -100,11 +100,8 @@ def raw(pixels: Any, age: float = 0.0, **fields: Any) -> Image:
 
 @pytest.fixture(scope="module")
 def cell(ros_master: RosMaster, tmp_path_factory: pytest.TempPathFactory) -> Iterator[JobCell]:
-    ros = Ros(ros_master)
-    try:
-        yield JobCell(ros, tmp_path_factory.mktemp("cameras"), products=0, agents="off")
-    finally:
-        ros.stop()
+    with job_cell(ros_master, tmp_path_factory.mktemp("cameras"), products=0, agents="off") as made:
+        yield made
 
 
 def test_pictures_follow_the_driver_while_somebody_looks(cell: JobCell) -> None:

@@ -27,21 +27,18 @@ from skiros2_gateway.opcua.return_status import ReturnStatus
 from skiros2_gateway.ros.ros_cell import RosCell
 from support.agent import connected_agent
 from support.certificates import make_certificate
-from support.job_cell import ROBOT, TOKENS, JobCell
+from support.job_cell import ROBOT, TOKENS, JobCell, job_cell
 from support.opcua import cell_index
 from support.programs import PATIENCE, ProcessId
-from support.ros import Ros, RosMaster, wait_until
+from support.ros import RosMaster, wait_until
 
 pytestmark = pytest.mark.timeout(180)
 
 
 @pytest.fixture(scope="module")
 def cell(ros_master: RosMaster, tmp_path_factory: pytest.TempPathFactory) -> Iterator[JobCell]:
-    ros = Ros(ros_master)
-    try:
-        yield JobCell(ros, tmp_path_factory.mktemp("gateway"), products=8, agents="approved")
-    finally:
-        ros.stop()
+    with job_cell(ros_master, tmp_path_factory.mktemp("gateway"), products=8, agents="approved") as made:
+        yield made
 
 
 def test_job_becomes_a_goal_and_its_response_says_what_changed(cell: JobCell) -> None:

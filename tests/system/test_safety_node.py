@@ -59,11 +59,8 @@ def shared(ros_master: RosMaster) -> Iterator[SharedSystem]:
 class Driver:
     """The robot's driver: an emergency stop, a mode and diagnostics; a service clears all."""
 
-    def __init__(self, ros: Ros) -> None:
-        self._publishers = {
-            topic: rospy.Publisher(topic, kind, queue_size=1000, tcp_nodelay=True)
-            for topic, kind in (("/e_stop", Bool), ("/arm_mode", Int32), ("/diagnostics", DiagnosticArray))
-        }
+    def __init__(self, ros: Ros, publishers: dict[str, Any]) -> None:
+        self._publishers = publishers
         for topic, publisher in self._publishers.items():
             wait_until(publisher.get_num_connections, what=f"the manager on {topic}")
         self.status = ros.messages(f"{ROBOT}/safety", msgs.SafetyStatus).connected()
@@ -91,8 +88,6 @@ class Driver:
 
     def close(self) -> None:
         self._service.shutdown()
-        for publisher in self._publishers.values():
-            publisher.unregister()
 
     def _recover(self, _: Any) -> Any:
         self.calls += 1
@@ -109,9 +104,21 @@ def system(shared: SharedSystem) -> Iterator[None]:
     shared.restore()
 
 
+@pytest.fixture(scope="module")
+def publishers(shared: SharedSystem) -> Iterator[dict[str, Any]]:
+    """For all tests: rospy may not connect to a topic of the same node that comes back at once."""
+    made = {
+        topic: rospy.Publisher(topic, kind, queue_size=1000, tcp_nodelay=True)
+        for topic, kind in (("/e_stop", Bool), ("/arm_mode", Int32), ("/diagnostics", DiagnosticArray))
+    }
+    yield made
+    for publisher in made.values():
+        publisher.unregister()
+
+
 @pytest.fixture
-def driver(system: None, ros: Ros) -> Iterator[Driver]:
-    driver = Driver(ros)
+def driver(system: None, ros: Ros, publishers: dict[str, Any]) -> Iterator[Driver]:
+    driver = Driver(ros, publishers)
     driver.wait_for(RUNNING)
     yield driver
     driver.clear()

@@ -140,20 +140,20 @@ def test_successful_action_is_a_success_with_the_server_text(server: Server, on_
 
 
 def test_answers_that_arrive_while_the_goal_is_sent_are_heard(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    told = threading.Event()
-    send, tell = ActionClient.send_goal, GoalManager.update_feedbacks
+    published = threading.Event()
+    send, publish = ActionClient.send_goal, GoalManager.update_feedbacks
 
     def sending(self: ActionClient, *args: Any) -> Any:
         handle = send(self, *args)
-        told.wait(1.0)
+        published.wait(1.0)
         return handle
 
-    def telling(self: GoalManager, *args: Any) -> None:
-        tell(self, *args)
-        told.set()
+    def publishing(self: GoalManager, *args: Any) -> None:
+        publish(self, *args)
+        published.set()
 
     monkeypatch.setattr(ActionClient, "send_goal", sending)
-    monkeypatch.setattr(GoalManager, "update_feedbacks", telling)
+    monkeypatch.setattr(GoalManager, "update_feedbacks", publishing)
     skill = loaded(job_action, wish="long")
     assert skill.start()
     run(skill, until=lambda: len(skill.heard) == 2)

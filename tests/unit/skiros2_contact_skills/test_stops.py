@@ -164,11 +164,7 @@ def test_stop_between_two_steps_is_not_cleared_before_the_driver_has_answered(
 def test_step_that_is_preempted_before_it_knows_of_a_stop_leaves_the_stop_to_the_next_one(
     cell: ContactCell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    arm = AnsweringLate(cell.robot.controller)
-    monkeypatch.setattr(cell, "compliant", arm)
-    assert step(cell, "goal", monkeypatch).state is State.Success
-    cell.robot.controller._stop(Violation("force", 55.0, 40.0))
-    arm.answers_at = arm.now() + 0.1
+    hit_after_a_step(cell, monkeypatch)
     second = cell.skills.command("RetractTool", Arm=cell.element, Height=0.01)
     tick(cell, second, 0.04)
     second.preempt()
@@ -180,16 +176,12 @@ def test_step_that_is_preempted_before_it_knows_of_a_stop_leaves_the_stop_to_the
 def test_retreat_clears_a_stop_that_has_ended_a_skill_before_it_had_the_arm(
     cell: ContactCell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    arm = AnsweringLate(cell.robot.controller)
-    monkeypatch.setattr(cell, "compliant", arm)
-    assert step(cell, "goal", monkeypatch).state is State.Success
+    hit_after_a_step(cell, monkeypatch)
     hold = cell.skills.node("HoldPose", Arm=cell.element)
     hit = cell.skills.node("SwitchAway")  # fails, as a hold-condition that measures the force
     monkeypatch.setattr(switch_away, "execute", lambda self: self.fail("hit", -2, FailureKind.LIMIT))
     retract = cell.skills.node("RetractAfterFailure", Arm=cell.element, Height=0.01)
     task = cell.skills.task(Skill("", SelectorStar())(Skill("", ParallelFs())(hold, hit), retract))
-    cell.robot.controller._stop(Violation("force", 55.0, 40.0))
-    arm.answers_at = arm.now() + 0.1
     tick(cell, task, 4.0)
     assert [why.label for why in task.explanations()] == ["retract_after_failure", "switch_away"]
     assert cell.robot.controller.stop is None, "the arm has moved back"
@@ -206,6 +198,15 @@ def test_step_does_not_fail_for_a_state_that_was_late_once(cell: ContactCell, mo
     second = step(cell, "goal", monkeypatch)
     assert second.state is State.Success, second.why
     assert cell.robot.controller.limits.force == 40.0, "that of the step, not of the one before"
+
+
+def hit_after_a_step(cell: ContactCell, patch: pytest.MonkeyPatch) -> None:
+    """The arm is stopped after a step has succeeded; the driver says so 0.1 s later."""
+    arm = AnsweringLate(cell.robot.controller)
+    patch.setattr(cell, "compliant", arm)
+    assert step(cell, "goal", patch).state is State.Success
+    cell.robot.controller._stop(Violation("force", 55.0, 40.0))
+    arm.answers_at = arm.now() + 0.1
 
 
 def step(cell: ContactCell, goal: str, patch: pytest.MonkeyPatch) -> Any:

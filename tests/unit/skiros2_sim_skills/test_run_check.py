@@ -63,8 +63,8 @@ def test_misplaced_product_fails(tmp_path: Path) -> None:
 
 
 def test_failed_skill_is_named(tmp_path: Path) -> None:
-    told = failed(tmp_path, with_tree(tree("place", FAILURE)))
-    assert told == "/robot did: pick, place (failed); reported: pick, place"
+    found = failed(tmp_path, with_tree(tree("place", FAILURE)))
+    assert found == "/robot did: pick, place (failed); reported: pick, place"
 
 
 @pytest.mark.parametrize("state", [SUCCESS, RUNNING])
@@ -108,8 +108,8 @@ def test_parallel_steps_may_start_in_another_order(tmp_path: Path) -> None:
 def test_stopped_step_has_not_succeeded(tmp_path: Path, state: int) -> None:
     messages = with_tree(tree("place", state))
     messages[-1] = ("result", ("goal-1", "succeeded", done("succeeded", "stopped")))
-    told = failed(tmp_path, messages)
-    assert told == ("" if state == FAILURE else "/robot did: pick, place; reported: pick, place (stopped)")
+    found = failed(tmp_path, messages)
+    assert found == ("" if state == FAILURE else "/robot did: pick, place; reported: pick, place (stopped)")
 
 
 def test_unreported_skills_fail(tmp_path: Path) -> None:
@@ -126,8 +126,8 @@ def test_unexecuted_plan_fails(tmp_path: Path, absent: tuple[str, ...]) -> None:
 
 def test_tasks_before_the_goal_are_ignored(tmp_path: Path) -> None:
     first, *rest = without("progress")
-    told = failed(tmp_path, [first, ("progress", tree("pick")), ("progress", tree("place")), *rest])
-    assert told == "/robot did: nothing; reported: pick, place"
+    found = failed(tmp_path, [first, ("progress", tree("pick")), ("progress", tree("place")), *rest])
+    assert found == "/robot did: nothing; reported: pick, place"
 
 
 def test_only_the_last_goal_is_checked(tmp_path: Path) -> None:

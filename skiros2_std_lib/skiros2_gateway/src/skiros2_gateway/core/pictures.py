@@ -1,6 +1,6 @@
 """Pictures of cameras for viewers: images of drivers as JPEG.
 
-A picture is made anew from the pixels, also of an image that is a JPEG: viewers get nothing else that it contains.
+A picture is made from the pixels, also of an image that is a JPEG: viewers get nothing else that it contains.
 """
 
 from __future__ import annotations

@@ -111,14 +111,14 @@ class _Feed:
         self._has_image = asyncio.Event()
         self._subscribing = threading.Lock()
         self._subscriber: Any = None
-        self._is_anew = False  # no image has come since it has subscribed
+        self._is_first = False  # no image has come since it has subscribed
 
     def open(self) -> None:
         """Subscribes, or again: rospy reads no more from a driver that has sent bytes that are no message. Blocks."""
         with self._subscribing:
             if self._subscriber is not None:
                 self._subscriber.unregister()
-            self._opened, self._is_anew = monotonic(), True
+            self._opened, self._is_first = monotonic(), True
             self._subscriber = rospy.Subscriber(self._topic, self.kind, self._receive, queue_size=1, buff_size=_BUFFER)
 
     def close(self) -> None:
@@ -142,8 +142,8 @@ class _Feed:
     def _receive(self, message: Any) -> None:
         """In threads of ROS."""
         latest = self._latest
-        is_anew, self._is_anew = self._is_anew, False
-        if is_anew and latest is not None and message == latest[0]:
+        is_first, self._is_first = self._is_first, False
+        if is_first and latest is not None and message == latest[0]:
             return  # a latched image once more: it is as old as it was
         self._latest = message, monotonic()
         if latest is None:

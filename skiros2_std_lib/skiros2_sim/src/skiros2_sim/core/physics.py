@@ -98,23 +98,17 @@ class ContactPoint(NamedTuple):
 
     def swapped(self) -> ContactPoint:
         """Return the same contact with the other body first."""
-        one, two = ((-x, -y, -z) for x, y, z in (self.direction_1, self.direction_2))
-        x, y, z = self.normal
-        return ContactPoint(
-            self.kind,
-            self.other_body,
-            self.body,
-            self.other_link,
-            self.link,
-            self.other_position,
-            self.position,
-            (-x, -y, -z),
-            self.distance,
-            self.force,
-            self.friction_1,
-            one,
-            self.friction_2,
-            two,
+        normal, one, two = ((-x, -y, -z) for x, y, z in (self.normal, self.direction_1, self.direction_2))
+        return self._replace(
+            body=self.other_body,
+            other_body=self.body,
+            link=self.other_link,
+            other_link=self.link,
+            position=self.other_position,
+            other_position=self.position,
+            normal=normal,
+            direction_1=one,
+            direction_2=two,
         )
 
 

@@ -522,3 +522,20 @@ def test_relation_offers_elements_in_its_range(tab: SkillsTab, goal_line: Any, q
     assert [_child(tab, QComboBox, f"goal{box}_0").currentText() for box in ("Subject", "Object")] == ["", ""]
     _choose(qtbot, tab, "goalPredicate_0", "skiros:contain")
     assert {"box", "nut"} <= set(_entries(tab, "goalObject_0"))
+
+
+def test_lists_are_filled_again_only_for_other_entries(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
+    world, box = tab.window().system.world, _child(tab, QComboBox, "goalSubject_0")
+    qtbot.waitUntil(lambda: "bolt" in _entries(tab, "goalSubject_0"))
+    filled = box.model()
+    bolt = world.get_element("skiros:Product-3")
+    bolt.setProperty("skiros:Weight", 7.0)
+    goals = tab.goals
+    before = goals.choices
+    world.update_element_properties(bolt)
+    qtbot.waitUntil(lambda: goals.choices is not before)
+    assert box.model() is filled
+    bolt.label = "screw"
+    world.update_element(bolt)
+    qtbot.waitUntil(lambda: "screw" in _entries(tab, "goalSubject_0"))
+    assert "bolt" not in _entries(tab, "goalSubject_0")

@@ -45,6 +45,16 @@ class carry_at_once(carry):
         return self.success("done")
 
 
+class carry_when_released(carry_at_once):
+    """Runs until there is a file `released` beside that of `CARRIED`; fails if its text is `fail`."""
+
+    def execute(self) -> State:
+        released = Path(os.environ["CARRIED"]).with_name("released")
+        if not released.exists():
+            return self.step("waiting")
+        return self.fail("dropped", -1) if released.read_text() == "fail" else super().execute()
+
+
 class Wait(SkillDescription):
     pass
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,8 +16,8 @@ from skiros2_gateway.core.job import Job, Order, Response, State
 from skiros2_gateway.core.missed_tasks import MissedTasks
 from skiros2_gateway.core.store import FigureKey, JobStore
 from skiros2_gateway.http.figures import figures_router
-from skiros2_live.core.cell import CellDocument, GoalChanged
-from skiros2_live.core.patch import ManagerConnection, TaskProgress
+from skiros2_live.core.cell import CellDocument
+from skiros2_live.core.patch import GoalProgress, ManagerConnection, TaskProgress
 from support.http_gateway import curl, served
 from support.progress import FAILURE, SUCCESS, ProgressNode, pick_and_place, root
 from unit.skiros2_gateway.conftest import TOKENS
@@ -135,23 +137,32 @@ def test_tasks_of_jobs_that_have_ended_unseen_are_counted_once(cell: Cell) -> No
     def step(number: int, state: str) -> dict[str, Any]:
         return {"number": number, "robot": ROBOT, "state": state, "message": "", "task": number}
 
+    def progress(goal_id: str) -> GoalProgress:
+        texts = SimpleNamespace(phase="running", message="", plan=json.dumps(plan), steps=json.dumps(steps))
+        return GoalProgress(goal_id, SimpleNamespace(feedback=texts), cell.now)
+
     cell.run(root(3), seconds=1.0)  # runs when the gateway starts again
     response = Response(steps=[step(0, "succeeded"), step(1, "running")])
     job = Job(Order(id="a", goal="(at)"), "(at)", 1, 0.0, 0.0, State.RUNNING, response=response)
-    MissedTasks(cell.document, [job, replace(job, order=Order(id="other", goal="(at)"), state=State.ENDED)])
-    cell.document.subscribe(GoalChanged, lambda change: None)
+    jobs = [job, replace(job, order=Order(id="b", goal="(at)"), response=Response())]
+    MissedTasks(cell.document, [*jobs, replace(job, order=Order(id="other", goal="(at)"), state=State.ENDED)])
     steps = [step(0, "succeeded"), step(1, "succeeded"), step(2, "failed"), step(3, "running")]
+    plan = [{"number": each["number"], "skill": "s", "label": "l", "robot": ROBOT, "arguments": {}} for each in steps]
     for _ in range(2):
-        for goal in ("a", "other", "of another client"):
-            cell.document._publish(GoalChanged(goal, {"steps": {str(each["number"]): each for each in steps}}))
+        for goal_id in ("a", "other", "of another client"):
+            cell.document.apply(progress(goal_id))
     assert (cell.counters["succeeded"], cell.counters["failed"]) == (1, 1)
     cell.run(root(3, SUCCESS, 1), seconds=1.0)
     steps[3]["state"] = "succeeded"
-    cell.document._publish(GoalChanged("a", {"steps": {str(each["number"]): each for each in steps}}))
+    cell.document.apply(progress("a"))
     assert (cell.counters["succeeded"], cell.counters["failed"]) == (2, 1)
+    done = json.dumps([{**plan[0], **step(4, "failed")}])  # it has ended before its steps were asked for
+    result = SimpleNamespace(result=SimpleNamespace(state="failed", message="", done=done))
+    cell.document.apply(GoalProgress("b", result, cell.now))
+    assert (cell.counters["succeeded"], cell.counters["failed"]) == (2, 2)
     cell.figures.write()
     cell.restart()
-    assert (cell.counters["succeeded"], cell.counters["failed"]) == (2, 1)
+    assert (cell.counters["succeeded"], cell.counters["failed"]) == (2, 2)
 
 
 def test_time_without_a_gateway_is_reported_as_unknown(cell: Cell) -> None:

@@ -33,8 +33,10 @@ class MissedTasks:
         if known is None or change.data is None:
             return
         seen = {(run.robot, run.task_id) for run in self._document.runs}
-        for step in change.data["steps"].values():
-            if step["state"] in _ENDED and step["number"] not in known:
-                known.add(step["number"])
-                if (step["robot"], step.get("task")) not in seen:
-                    self._document.count_task(step["robot"], is_success=_ENDED[step["state"]])
+        for planned in change.data["plan"]:
+            number, robot = planned["number"], planned["robot"]
+            step = change.data["steps"].get(str(number), {})
+            if step.get("state") in _ENDED and number not in known:
+                known.add(number)
+                if (robot, step.get("task")) not in seen:
+                    self._document.count_task(robot, is_success=_ENDED[step["state"]])

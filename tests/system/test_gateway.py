@@ -114,25 +114,34 @@ def test_plans_leave_no_subscriptions_behind(cell: JobCell) -> None:
 
 
 def test_stop_port_comes_back_when_its_process_is_killed(cell: JobCell) -> None:
-    address = cell.parameter("/gateway/stop_address")
-
-    def stop(role: str = "operate") -> int:
-        headers = {"Authorization": f"Bearer {TOKENS[role]}", "Content-Type": "application/json"}
-        request = urllib.request.Request(f"{address}/api/robots/stop", b'{"robots": []}', headers, method="POST")
-        try:
-            with urllib.request.urlopen(request, timeout=5.0) as answer:
-                return int(answer.status)
-        except urllib.error.HTTPError as error:
-            return error.code
-        except OSError:  # it is being started again
-            return 0
-
-    wait_until(lambda: stop() == 200, what="the stop port")
-    assert stop("view") == 401
+    assert (_stop(cell), _stop(cell, "view")) == (200, 401)
     os.kill(cell.stop_process(), signal.SIGKILL)
-    wait_until(lambda: stop() == 200, what="the stop port after a kill")
+    wait_until(lambda: _stop(cell) == 200, what="the stop port after a kill")
     audit = wait_until(lambda: _stops(cell), what="entries of the audit log")
     assert {entry["user"] for entry in audit} == {"operate"}
+
+
+def test_robots_can_be_stopped_as_soon_as_the_gateway_serves(cell: JobCell) -> None:
+    folder = cell.folder / "early"
+    folder.mkdir()
+    early = cell.start_gateway("early", folder=str(folder), users=str(cell.users))
+    cell.parameter("/early/address")
+    assert _stop(cell, gateway="early") == 200
+    early.stop()
+
+
+def _stop(cell: JobCell, role: str = "operate", gateway: str = "gateway") -> int:
+    """Returns the status of a request to stop all robots; 0 if there is no answer."""
+    headers = {"Authorization": f"Bearer {TOKENS[role]}", "Content-Type": "application/json"}
+    address = f"{cell.parameter(f'/{gateway}/stop_address')}/api/robots/stop"
+    try:
+        request = urllib.request.Request(address, b'{"robots": []}', headers, method="POST")
+        with urllib.request.urlopen(request, timeout=5.0) as answer:
+            return int(answer.status)
+    except urllib.error.HTTPError as error:
+        return error.code
+    except OSError:  # it is being started again
+        return 0
 
 
 def _stops(cell: JobCell) -> list[dict[str, Any]]:

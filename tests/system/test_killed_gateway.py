@@ -19,7 +19,7 @@ from support.job_cell import TOKENS, JobCell, job_cell
 from support.programs import PATIENCE, ProcessId
 from support.ros import RosMaster, wait_until
 
-pytestmark = [needs_broker, pytest.mark.timeout(180)]
+pytestmark = [needs_broker, pytest.mark.timeout(600)]
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import sys
+import time
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,26 @@ async def program(name: str, address: str, *arguments: str, user: str = "operate
         stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT,
     )  # fmt: skip
     return (await process.communicate())[0].decode()
+
+
+def test_loop_serves_others_while_the_server_starts(in_gateway: Callable[..., None], tmp_path: Path) -> None:
+    async def test(gateway: Any) -> None:
+        cpu = []  # that the loop's thread takes between two of its turns (s)
+
+        async def watch() -> None:
+            while True:
+                begin = time.thread_time()
+                await asyncio.sleep(0.001)
+                cpu.append(time.thread_time() - begin)
+
+        watching, server = asyncio.create_task(watch()), opcua_server(gateway.service, tmp_path)
+        await server.start()
+        await asyncio.sleep(0)  # its tasks begin
+        watching.cancel()
+        await server.stop()
+        assert max(cpu) < 0.1
+
+    in_gateway(test)
 
 
 def test_job_is_stored_started_and_its_response_requested(in_server: Run) -> None:

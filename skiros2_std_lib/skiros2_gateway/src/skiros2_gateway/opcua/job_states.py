@@ -24,7 +24,7 @@ _NOT_ACTIVE = ua.StatusCode(ua.StatusCodes.BadStateNotActive)
 class JobStates:
     """Shows the state of the job order whose state changed last, and sends an event for each change.
 
-    To be used in the gateway's loop.
+    To be used in the gateway's loop, apart from `start`.
     """
 
     def __init__(self, server: Server, model: JobModel) -> None:
@@ -36,12 +36,12 @@ class JobStates:
         self._written: dict[str, Any] = {}  # values, by the path of the variable
         self._event: Any = None
 
-    async def start(self, jobs: Iterable[Job]) -> None:
-        """Reads states and transitions from the types; no state is active yet.
-
-        :param jobs: those that have not ended; their states are no changes.
-        """
+    def know(self, jobs: Iterable[Job]) -> None:
+        """Sets the jobs that have not ended, whose states are no changes. To be called before the first event."""
         self._known = {job.id: (job.state.value, job.substate.value) for job in jobs}
+
+    async def start(self) -> None:
+        """Reads states and transitions from the types; no state is active yet."""
         server, model = self._server, self._model
         machines = {"": (model.receiver, await find_type(server, model.types, RECEIVER_TYPE))}
         for name in SUBSTATES.values():

@@ -131,17 +131,13 @@ class OpcuaServer:
         """
         settings, server = self._settings, self._server
         port = _port(settings.host, settings.opcua_port)  # before the seconds that the rest takes
-        await server.init()
+        await asyncio.to_thread(asyncio.run, self._build())  # seconds, in which the gateway's loop serves others
         server.iserver.max_connections, server.iserver.max_pending_activation_seconds = _MAX_CONNECTIONS, _LOGIN_TIMEOUT
         self.address = f"opc.tcp://{_host(settings.host)}:{port}/skiros2/"
         server.set_endpoint(self.address)
         server.set_server_name("SkiROS2 gateway")
-        cell = cell_name(settings)
-        await self._secure(cell)
-        self._model = await build_model(server, self._nodesets, f"{CELL_NAMESPACE}{cell}")
         self._lists = JobLists(self._service, self._model.types)
-        self._states = JobStates(server, self._model)
-        await self._states.start(self._service.control.open_jobs)
+        self._secure()
         await self._add_objects()
         await server.start()
         log.info("the gateway serves %s", self.address)
@@ -155,12 +151,22 @@ class OpcuaServer:
         await asyncio.gather(*self._tasks, return_exceptions=True)
         await self._server.stop()
 
-    async def _secure(self, cell: str) -> None:
-        """Sets security policies, certificate and ways to log in; anonymous users have none."""
-        server = self._server
+    async def _build(self) -> None:
+        """Makes the nodes of the types and of job orders, and the certificate. In a loop of its own: nobody waits for
+        what it does.
+        """
+        server, cell = self._server, cell_name(self._settings)
+        await server.init()
         identity = await own_certificate(self._settings, cell)
         await server.set_application_uri(identity.uri)
         server.iserver.certificate, server.iserver.private_key = identity.certificate, identity.key
+        self._model = await build_model(server, self._nodesets, f"{CELL_NAMESPACE}{cell}")
+        self._states = JobStates(server, self._model)
+        await self._states.start()
+
+    def _secure(self) -> None:
+        """Sets security policies and ways to log in; anonymous users have none."""
+        server = self._server
         server.set_certificate_validator(TrustList(self._settings.folder.expanduser() / "opcua"))
         policies = [
             ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
@@ -270,6 +276,7 @@ class OpcuaServer:
 
     async def _follow(self) -> None:
         self._has_changes.set()
+        self._states.know(self._service.control.open_jobs)
         last = self._service.events.last_id
         await self._twin.show_cell()
         await self._show_equipment()

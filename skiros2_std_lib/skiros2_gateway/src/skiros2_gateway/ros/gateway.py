@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
+import importlib
 import logging
 import socket
 import threading
@@ -47,6 +48,7 @@ from skiros2_gateway.ros.cameras import RosCameras
 from skiros2_gateway.ros.live import LiveRos
 from skiros2_gateway.ros.ros_cell import RosCell
 from skiros2_gateway.ros.stop_process import StopProcess
+from skiros2_live.core.cell import RobotChanged
 
 log = logging.getLogger(__name__)
 
@@ -115,20 +117,21 @@ async def _serve(settings: Settings) -> None:
         stack.callback(loop.create_task(keep_days(store, settings.keep_days)).cancel)
         if settings.http_port >= 0:
             sock = await _listen(settings, "http_port", settings.http_port)
-            stop_port = await _start_stop_port(service, cell, settings, sock.getsockname()[1], stack)
+            stops = await _start_stop_port(service, cell, settings, sock.getsockname()[1], stack)
+            stop_port = stops.port if stops is not None else -1
             routers = [figures_router(figures.write), *_live_view(service, cell, settings, stop_port, stack)]
             if settings.agents != "off":
-                from skiros2_gateway.agents.server import AgentServer  # imports for a second
-
+                module = await _imported("skiros2_gateway.agents.server")
                 hosts = [settings.host, *filter(None, settings.hosts.replace(" ", "").split(","))]
-                agents = AgentServer(service, settings.max_body, hosts)
+                agents = module.AgentServer(service, settings.max_body, hosts)
                 await stack.enter_async_context(agents.running())
                 routers.append(agents.router())
+            if stops is not None and not await stops.serves():  # whoever uses the gateway can stop robots
+                log.error("the stop port does not serve yet")
             await _start_http(service, settings, sock, routers, stack)
         if settings.opcua_port >= 0:
-            from skiros2_gateway.opcua.server import OpcuaServer  # imports for a second
-
-            opcua = OpcuaServer(service, settings, _share() / "nodesets")
+            module = await _imported("skiros2_gateway.opcua.server")
+            opcua = module.OpcuaServer(service, settings, _share() / "nodesets")
             await opcua.start()
             stack.push_async_callback(opcua.stop)
             rospy.set_param("~opcua_address", opcua.address)
@@ -137,6 +140,11 @@ async def _serve(settings: Settings) -> None:
             bridge.start()
             stack.push_async_callback(bridge.stop)
         await ended.wait()
+
+
+async def _imported(module: str) -> Any:
+    """Imports a module that takes about a second, in a thread: meanwhile the loop serves others."""
+    return await asyncio.to_thread(importlib.import_module, module)
 
 
 async def _ended(task: asyncio.Task[None]) -> None:
@@ -189,19 +197,20 @@ async def _listen(settings: Settings, name: str, port: int) -> socket.socket:
 
 async def _start_stop_port(
     service: Service, cell: RosCell, settings: Settings, http_port: int, stack: contextlib.AsyncExitStack
-) -> int:
-    """Starts the process of the stop port, which ends with the stack. Returns the port; -1: it is off.
+) -> StopProcess | None:
+    """Starts the process of the stop port, which ends with the stack. Returns None if it is off.
 
     :raises ConfigurationError: the address is in use.
     """
     if settings.stop_port < 0:
-        return -1
+        return None
     port = settings.stop_port or (http_port + 1 if settings.http_port else 0)
     sock = await _listen(settings, "stop_port", port)
     stops = StopProcess(service, settings, sock, lambda: cell.connected)
     stack.push_async_callback(stops.close)
+    cell.document.subscribe(RobotChanged, lambda _: stops.inform())
     rospy.set_param("~stop_address", _address(settings, sock))
-    return int(sock.getsockname()[1])
+    return stops
 
 
 def _address(settings: Settings, sock: socket.socket) -> str:

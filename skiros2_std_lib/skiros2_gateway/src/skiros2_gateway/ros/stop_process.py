@@ -19,6 +19,8 @@ log = logging.getLogger(__name__)
 
 #: How often the process is told what has changed (s): a revoked user stops no robots after that.
 _PERIOD = 0.5
+#: The longest time that its first start takes (s): a second of CPU, which others may need too.
+_START = 10.0
 #: The pause before an ended process is started again (s).
 _PAUSE = 1.0
 
@@ -37,14 +39,28 @@ class StopProcess:
         self._settings = settings
         self._sock = sock
         self._robots = robots
-        self._process: asyncio.subprocess.Process | None = None
+        self._serves, self._has_changes = asyncio.Event(), asyncio.Event()
         self._task = asyncio.get_running_loop().create_task(self._run())
+
+    @property
+    def port(self) -> int:
+        return int(self._sock.getsockname()[1])
 
     async def close(self) -> None:
         self._task.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await self._task
         self._sock.close()
+
+    async def serves(self) -> bool:
+        """Waits until stops are carried out at once, `_START` at most. Returns whether they are."""
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._serves.wait(), _START)
+        return self._serves.is_set()
+
+    def inform(self) -> None:
+        """Has the process informed at once, not only after `_PERIOD`."""
+        self._has_changes.set()
 
     async def _run(self) -> None:
         while True:
@@ -83,9 +99,13 @@ class StopProcess:
                     stdin.write(json.dumps(state).encode() + b"\n")
                     known = state
                 await stdin.drain()
-                await asyncio.sleep(_PERIOD)
+                self._has_changes.clear()
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(self._has_changes.wait(), _PERIOD)
 
     async def _audit(self, stdout: asyncio.StreamReader) -> None:
+        if await stdout.readline():
+            self._serves.set()
         while line := await stdout.readline():
             entry = json.loads(line)
             caller = Caller(entry["user"], Role.OPERATE, entry["way"])

@@ -3,7 +3,7 @@
 - first {socket, certificate, key, connections}: the listening socket is a file handle that it inherits;
 - then, after each change, {users: {digest: name}, robots: [name]}.
 
-It writes entries of the audit log as JSON lines, and ends when its input ends.
+It writes a line once it serves, then entries of the audit log as JSON lines, and ends when its input ends.
 """
 
 from __future__ import annotations
@@ -45,11 +45,15 @@ async def _serve(output: int) -> None:
     limits = Limits(of_address=settings["connections"])
     sock = socket.socket(fileno=settings["socket"])
     server = HttpServer(app, sock, settings["certificate"], settings["key"], limits)
-    server.start()
+    is_first = True
     while line := await reader.readline():
         state = json.loads(line)
         users.by_digest = state["users"]
         stops.set_robots(state["robots"])
+        if is_first:
+            server.start()
+            writer.write(b"{}\n")
+            is_first = False
     users.close()
     stops.close()
     await server.stop(at_once=True)

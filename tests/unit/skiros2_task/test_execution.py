@@ -167,6 +167,16 @@ def test_changed_world_causes_replan_before_a_step_fails() -> None:
     assert all(fits for _, fits in cell.started)
 
 
+def test_reason_of_a_replan_is_a_sentence() -> None:
+    cell = TransportCell(1, 3, 1, max_replans=0)
+    cell.run(until=PLANNING_TIME + STEP_TIME + 0.5)
+    product = cell.task.members["skiros:Product"][0]
+    cell.change(frozenset(atom for atom in cell.facts if product not in atom.terms))
+    cell.run()
+    assert cell.end is not None
+    assert cell.end.message == "step 3, place by Robot-0, needs that GripperEffector-0 contains Product-0"
+
+
 def test_reverted_change_causes_no_replan() -> None:
     cell = TransportCell(1, 3, 2)
     cell.run(until=PLANNING_TIME + 1.0)
@@ -210,7 +220,7 @@ def test_unneeded_running_step_is_stopped() -> None:
 
 def test_steps_of_lost_robot_move_to_others() -> None:
     cell = TransportCell(2, 4, 4)
-    cell.run(until=PLANNING_TIME + 0.5)
+    cell.run(until=PLANNING_TIME + STEP_TIME + 0.5)
     cell.lose("cora:Robot-1")  # it was on its way
     cell.run()
     assert cell.reached
@@ -284,7 +294,7 @@ def test_interrupted_goal_stops_its_steps_and_is_planned_for_the_world_after_the
 
 def test_interruption_stops_only_the_steps_that_use_the_robot() -> None:
     cell = TransportCell(2, 4, 4)
-    cell.run(until=PLANNING_TIME + 0.5)
+    cell.run(until=PLANNING_TIME + STEP_TIME + 0.5)
     other = next(d.step for d in cell.running.values() if d.step.call.manager == cell.robots[1])
     cell.tell(cell.machine.interrupt(frozenset({cell.robots[0]})))
     cell.run()

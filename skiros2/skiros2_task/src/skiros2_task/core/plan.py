@@ -12,6 +12,7 @@ from skiros2_common.core.wording import label_text
 from skiros2_common.core.world_element import Element
 from skiros2_task.core.actions import ROBOT_KEY
 from skiros2_task.core.formula import Formula
+from skiros2_task.core.no_plan_sentence import Clauses
 from skiros2_task.core.partial_order import PartialOrder, deorder
 from skiros2_task.core.reduction import reduced
 from skiros2_task.core.schedule import Schedule, schedule
@@ -61,12 +62,16 @@ class Step:
     start: float = 0.0
     end: float = 0.0
 
-    def __str__(self) -> str:
+    @property
+    def name(self) -> str:
+        """Number, skill and robot: "step 2, pick by arm"."""
         call = self.call
-        named = ((key, label_text(e.label) or e.id or e.type) for key, e in call.arguments if key != ROBOT_KEY)
+        return f"step {self.number}, {label_text(call.label) or local_name(call.type)} by {call.manager.strip('/')}"
+
+    def __str__(self) -> str:
+        named = ((key, label_text(e.label) or e.id or e.type) for key, e in self.call.arguments if key != ROBOT_KEY)
         given = ", ".join(f"{key}={name}" for key, name in named)
-        name = f"{label_text(call.label) or local_name(call.type)} by {call.manager.strip('/')}"
-        return f"step {self.number}, {name}: {given}" if given else f"step {self.number}, {name}"
+        return f"{self.name}: {given}" if given else self.name
 
     @cached_property
     def precondition(self) -> Formula:
@@ -204,19 +209,21 @@ def plan_of(task: PlanningTask, scheduled: Schedule, objects: Mapping[str, Eleme
 
 
 def plan_problem(running: Iterable[Step], waiting: Iterable[Step], facts: Facts, goal: Formula) -> str:
-    """Returns why running and waiting steps do not lead from the facts to the goal; "" if they do.
+    """Returns why running and waiting steps do not lead from the facts to the goal, as a sentence with the ids of
+    elements; "" if they do.
 
     :param waiting: in an executable order.
     """
+    clause = Clauses(None).fact
     for step in running:
         facts = step.apply(facts)
     for step in waiting:
-        missing = unsatisfied(step.precondition, facts)
+        missing = unsatisfied(step.precondition, facts, text_of=clause)
         if missing:
-            return f"{step} needs {missing}"
+            return f"{step.name}, needs that {missing}"
         facts = step.apply(facts)
-    missing = unsatisfied(goal, facts)
-    return f"the goal's {missing} would not hold" if missing else ""
+    missing = unsatisfied(goal, facts, text_of=clause)
+    return f"the plan would not lead to the goal: {missing}" if missing else ""
 
 
 def _call(task: PlanningTask, step: PlanStep, objects: Mapping[str, Element]) -> SkillCall:

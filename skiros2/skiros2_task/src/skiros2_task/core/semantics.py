@@ -152,12 +152,15 @@ class Grounder:
         return _Pattern(atom.predicate, tuple(index.get(t, t) for t in atom.terms), state, each)
 
 
-def unsatisfied(formula: Formula, facts: Container[Atom], most: int | None = None) -> str:
+def unsatisfied(
+    formula: Formula, facts: Container[Atom], most: int | None = None, text_of: Callable[[Formula], str] = str
+) -> str:
     """Returns the parts of a formula that do not hold, as text; "" if the formula holds.
 
     :param most: the largest number of parts in the text.
+    :param text_of: formats a part.
     """
-    missing = [str(part) for part in conjuncts(formula) if not holds(part, facts)]
+    missing = [text_of(part) for part in conjuncts(formula) if not holds(part, facts)]
     more = f" and {len(missing) - most} more" if most is not None and len(missing) > most else ""
     return ", ".join(missing[:most]) + more
 

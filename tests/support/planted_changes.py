@@ -194,7 +194,7 @@ DRIVERS = [
     _driver("a further cancel request", replaced(gripper_skills.grasp, "onFeedback", _cancelling)),
     _driver("a further goal", replaced(gripper_skills.grasp, "onDone", _once_more)),
     _driver("no goal", edited(PrimitiveActionClient, "_send",
-        "self.client.send_goal(goal, done_cb=self._doneCb, feedback_cb=self._feedbackCb)", "pass")),
+        "send_goal(self.client, goal, done_cb=self._doneCb, feedback_cb=self._feedbackCb)", "pass")),
     _driver("feedback is not read", edited(gripper_skills.grasp, "onFeedback",
         'self.step(f"{msg.position:.3f} m open")', "self.step()")),
     _driver("the result is read differently", edited(gripper_skills.grasp, "onDone", "if msg.stalled", "if True")),

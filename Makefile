@@ -74,7 +74,7 @@ bench: setup  ## measure, print a table, write build/bench.json (PARTS="ticks pl
 bench-insertion: setup  ## insert the piston on a grid of errors, clearances, bores and arms (hours; BENCH_ARGS="--runs 60" for a sample); write build/insertion.json
 	@exec $(python) tests/benchmarks/insertion.py $(BENCH_ARGS)
 
-bench-learning: setup  ## compare optimisers of skill parameters (up to an hour; BENCH_ARGS=--short); write build/learning.json
+bench-learning: setup  ## compare optimisers of skill parameters (up to two hours; BENCH_ARGS=--short); write build/learning.json
 	@.ci/setup optimisers
 	@exec $(python) tests/benchmarks/learning.py $(BENCH_ARGS)
 

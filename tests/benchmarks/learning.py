@@ -50,11 +50,14 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--short", action="store_true", help="few seeds and evaluations: a few minutes")
     parser.add_argument("--parts", default="optimisers,push,insertion,variations,speed", help="default: %(default)s")
     parser.add_argument("--only", default="", help="optimisers of the part `optimisers`, separated by |")
+    parser.add_argument("--seeds", type=int, help="of that part; default: 10, --short 2; a third for slow ones")
     parser.add_argument("--json", type=Path, default=ROOT / "build/learning.json", help="where the figures go")
     options = parser.parse_args(arguments)
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     parts: dict[str, Callable[[bool], list[Row]]] = {
-        "optimisers": lambda short: optimisers(range(1, 4 if short else 6), shown, options.only),
+        "optimisers": lambda short: optimisers(
+            options.json.with_suffix(".jsonl"), options.seeds or (2 if short else 10), shown, options.only
+        ),
         "push": lambda short: scenario_rows("push.yaml", 12 if short else 60, 1 if short else 3),
         "insertion": lambda short: scenario_rows("insertion.yaml", 8 if short else 30, 1 if short else 3),
         "variations": variations,

@@ -16,7 +16,7 @@ _CENTRES = 1e-4 * np.array(
      [2348, 1451, 3522, 2883, 3047, 6650], [4047, 8828, 8732, 5743, 1091, 381]]
 )  # fmt: skip
 HARTMANN_OPTIMUM = (0.20169, 0.150011, 0.476874, 0.275332, 0.311652, 0.6573)
-HARTMANN_MINIMUM, BRANIN_MINIMUM = -3.32237, 0.397887
+HARTMANN_MINIMUM, BRANIN_MINIMUM, PRESSURE_VESSEL_MINIMUM = -3.32237, 0.397887, 6059.714335
 
 
 def branin(trial: BaseTrial) -> float:
@@ -58,6 +58,18 @@ def mixed(trial: BaseTrial) -> float:
     pattern = trial.suggest_categorical("pattern", ["line", "spiral", "zigzag", "star"])
     cost, best = {"line": (0.3, 0.2), "spiral": (0.0, 0.7), "zigzag": (0.1, 0.6), "star": (0.2, 0.9)}[pattern]
     return cost + (x - best) ** 2 + (y - 0.05 * count + 0.05) ** 2 + 0.02 * abs(count - 6)
+
+
+def pressure_vessel(trial: BaseTrial) -> float:
+    """The cost of a vessel: two thicknesses in steps, two reals, three constraints (Kannan and Kramer, "An Augmented
+    Lagrange Multiplier Based Method for Mixed Integer Discrete Continuous Optimization", 1994)."""
+    shell, head = (trial.suggest_int(name, 1, 99) / 16.0 for name in ("shell", "head"))
+    radius, length = trial.suggest_float("radius", 10.0, 200.0), trial.suggest_float("length", 10.0, 200.0)
+    trial.set_constraint("shell", 0.0193 * radius - shell)
+    trial.set_constraint("head", 0.00954 * radius - head)
+    trial.set_constraint("volume", 1.0 - math.pi * radius**2 * (length + 4.0 / 3.0 * radius) / 1_296_000.0)
+    sheets = 0.6224 * shell * radius * length + 1.7781 * head * radius**2
+    return sheets + shell**2 * (3.1661 * length + 19.84 * radius)
 
 
 def zdt2(trial: BaseTrial) -> tuple[float, float]:

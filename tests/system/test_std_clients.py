@@ -16,13 +16,16 @@ from actionlib_msgs.msg import GoalStatus
 from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 
 from skiros2_common.core.abstract_skill import SkillDescription, State
-from skiros2_msgs.msg import AssignTaskAction, AssignTaskFeedback, AssignTaskGoal, AssignTaskResult
+from skiros2_msgs.msg import AssignTaskAction, AssignTaskFeedback, AssignTaskGoal, AssignTaskResult, SafetyStatus
 from skiros2_skill.core.library.library import SkillLibrary
+from skiros2_skill.core.runtime.safety import Safety
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.tree.skill_node import SkillWrapper
+from skiros2_skill.ros.safety import SAFETY_TOPIC
 from skiros2_std_skills import action_client_primitive
 from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
+from skiros2_std_skills.recovery import recover_from_stop
 from skiros2_std_skills.service_client_primitive import PrimitiveServiceClient
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from support.ros import wait_until
@@ -126,6 +129,24 @@ def run(skill: Any, until: Callable[[], bool] = lambda: False) -> State:
     return skill.state
 
 
+def hold_sending(monkeypatch: pytest.MonkeyPatch, method: str) -> None:
+    """Makes `ActionClient.send_goal` return after the first answer, which a method of its `GoalManager` handles."""
+    answered = threading.Event()
+    send, answer = ActionClient.send_goal, getattr(GoalManager, method)
+
+    def sending(self: ActionClient, *args: Any) -> Any:
+        handle = send(self, *args)
+        answered.wait(1.0)
+        return handle
+
+    def answering(self: GoalManager, *args: Any) -> None:
+        answer(self, *args)
+        answered.set()
+
+    monkeypatch.setattr(ActionClient, "send_goal", sending)
+    monkeypatch.setattr(GoalManager, method, answering)
+
+
 @pytest.mark.parametrize("on_start", [True, False])
 def test_successful_action_is_a_success_with_the_server_text(server: Server, on_start: bool) -> None:
     skill = loaded(job_action, build_client_onstart=on_start)
@@ -140,25 +161,25 @@ def test_successful_action_is_a_success_with_the_server_text(server: Server, on_
 
 
 def test_answers_that_arrive_while_the_goal_is_sent_are_heard(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    published = threading.Event()
-    send, publish = ActionClient.send_goal, GoalManager.update_feedbacks
-
-    def sending(self: ActionClient, *args: Any) -> Any:
-        handle = send(self, *args)
-        published.wait(1.0)
-        return handle
-
-    def publishing(self: GoalManager, *args: Any) -> None:
-        publish(self, *args)
-        published.set()
-
-    monkeypatch.setattr(ActionClient, "send_goal", sending)
-    monkeypatch.setattr(GoalManager, "update_feedbacks", publishing)
+    hold_sending(monkeypatch, "update_feedbacks")
     skill = loaded(job_action, wish="long")
     assert skill.start()
     run(skill, until=lambda: len(skill.heard) == 2)
     assert skill.heard == ["half", "nearly"]
     server.go_on.set()
+
+
+def test_recovery_whose_result_arrives_while_the_goal_is_sent_ends(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hold_sending(monkeypatch, "update_results")
+    skill = loaded(recover_from_stop)
+    skill.params.specify("Call", server.name)
+    skill.params.specify("Type", "skiros2_msgs/AssignTaskAction")
+    assert skill.start()
+    states = rospy.Publisher(SAFETY_TOPIC, SafetyStatus, queue_size=1, latch=True)
+    states.publish(SafetyStatus(state=Safety.RUNNING))
+    assert run(skill) is State.Success, skill.progress_msg
 
 
 def test_aborted_action_is_a_failure_with_its_status_as_code(server: Server) -> None:

@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import pytest
 
+from skiros2_bags.testing.evidence import RecordedEvidence
+from skiros2_bags.testing.field_tolerances import FieldTolerances
 from skiros2_bags.testing.recording import Recording
 from skiros2_bags.testing.rerun import Settings, rerun
 from skiros2_common.core.abstract_skill import State
@@ -67,6 +69,13 @@ def test_another_value_for_a_played_skill_is_found(engine: Recording, monkeypatc
     assert found is not None
     assert found.what == "root / engine_run / note_end, parameter Weight at its start"
     assert (found.expected, found.got) == ("[30.12345]", "[30.12346]")
+
+
+def test_divergence_names_the_value_that_is_beyond_its_tolerance() -> None:
+    recorded, now = ({"Force": [force], "Depth": [depth]} for force, depth in ((10.0, 1.0), (10.005, 2.0)))
+    evidence = RecordedEvidence([("0", "pulled", "press", recorded)], FieldTolerances())
+    found = evidence.difference([("0", "pulled", "press", now)], {}, is_end=True)
+    assert found == ("node 0, parameter Depth at its start", "[1.0]", "[2.0]")
 
 
 def test_values_that_a_played_skill_has_pushed_are_on_the_blackboard(engine: Recording) -> None:

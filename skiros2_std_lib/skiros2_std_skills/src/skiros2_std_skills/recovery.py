@@ -15,6 +15,7 @@ from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
+from skiros2_common.ros.connections import send_goal
 from skiros2_msgs.msg import SafetyStatus
 from skiros2_skill.core.runtime.safety import Safety
 from skiros2_skill.core.runtime.safety_sources import Recovery
@@ -128,7 +129,7 @@ class _Call:
         client = self._client = actionlib.SimpleActionClient(self.name, self._cls)
         if not client.wait_for_server(rospy.Duration(self._timeout)):
             return f"action server {self.name} is not available"
-        client.send_goal(type(self._cls().action_goal.goal)())
+        send_goal(client, type(self._cls().action_goal.goal)())
         if not client.wait_for_result(rospy.Duration(self._timeout)):
             return f"no result from {self.name} within {self._timeout:g} s"
         if client.get_state() == GoalStatus.SUCCEEDED:

@@ -10,7 +10,7 @@ from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.manager_names import manager_of, same_node
 from skiros2_common.core.params import ParamTypes
-from skiros2_common.ros.connections import ServerWatch
+from skiros2_common.ros.connections import ServerWatch, send_goal
 from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
 from skiros2_skill.core.processors import SerialStar
 from skiros2_skill.core.skill import SkillBase
@@ -71,7 +71,7 @@ class task_plan(SkillBase):
         if not self._sent and self._watch.is_connected():
             self._sent = True
             # the task manager plans for the robot of the requesting manager
-            self._client.send_goal(AssignTaskGoal(author=self._manager(), goals=self.params["Goal"].value))
+            send_goal(self._client, AssignTaskGoal(author=self._manager(), goals=self.params["Goal"].value))
         return self.step("Planning" if self._sent else "Waiting for the task manager")
 
     def _take(self, result: Any) -> State:

@@ -14,6 +14,8 @@ from skiros2_runs.core.tolerance import COMMANDED, same_data
 from skiros2_skill.core.engine.evidence import Entry
 
 _NAMES = {"pre": "pre-condition", "hold": "hold-condition", "post": "post-condition"}
+#: The kinds with the values of a start.
+_STARTS = ("given", "pulled")
 
 
 class RecordedEvidence:
@@ -56,7 +58,7 @@ class RecordedEvidence:
             wanted = self._entries[self._number]
             self._number += 1
             if not self._is_same(wanted, entry):
-                return _difference(wanted, entry, nodes)
+                return self._difference(wanted, entry, nodes)
         if is_end and self._number < len(self._entries):
             wanted = self._entries[self._number]
             return _node_text(wanted, nodes), _text(wanted), "nothing more"
@@ -65,13 +67,30 @@ class RecordedEvidence:
     def _is_same(self, wanted: Entry, entry: Entry) -> bool:
         if wanted[:3] != entry[:3]:
             return False
-        if wanted[1] == "pulled":
-            one, two = ({k: v for k, v in each[3].items() if k not in self._played} for each in (wanted, entry))
-            return one.keys() == two.keys() and all(
-                same_data(one[key], two[key], self._tolerances.of_value(key)) for key in one
-            )
+        if wanted[1] in _STARTS:
+            return not self._other_parameters(wanted, entry)
         tolerance = self._tolerances.of_value(wanted[2]) if wanted[1] == "push" else COMMANDED
         return same_data(wanted[3], entry[3], tolerance)
+
+    def _other_parameters(self, wanted: Entry, entry: Entry) -> list[str]:
+        """Returns the parameters with different values at a start."""
+        (_, kind, _, one), two = wanted, entry[3]
+        keys = [k for k in dict.fromkeys([*one, *two]) if kind != "pulled" or k not in self._played]
+        of_value = self._tolerances.of_value if kind == "pulled" else lambda _: COMMANDED
+        return [key for key in keys if not same_data(one.get(key), two.get(key), of_value(key))]
+
+    def _difference(
+        self, wanted: Entry, entry: Entry, nodes: Mapping[tuple[int, ...], NodeProgress]
+    ) -> tuple[str, str, str]:
+        where = _node_text(wanted, nodes)
+        if wanted[:3] == entry[:3] and wanted[1] in _STARTS:
+            key = self._other_parameters(wanted, entry)[0]
+            texts = [json.dumps(values.get(key)) for values in (wanted[3], entry[3])]
+            return f"{where}, parameter {key} at its start", texts[0], texts[1]
+        texts = [_text(each) for each in (wanted, entry)]
+        if wanted[0] != entry[0]:
+            texts[1] = f"{_node_text(entry, nodes)}: {texts[1]}"
+        return where, texts[0], texts[1]
 
 
 def sorted_groups(entries: Iterable[Entry], kind: str) -> list[Entry]:
@@ -82,19 +101,6 @@ def sorted_groups(entries: Iterable[Entry], kind: str) -> list[Entry]:
         for (_, each), group in groups
         for entry in (sorted(group, key=lambda entry: entry[2]) if each == kind else group)
     ]
-
-
-def _difference(wanted: Entry, entry: Entry, nodes: Mapping[tuple[int, ...], NodeProgress]) -> tuple[str, str, str]:
-    where = _node_text(wanted, nodes)
-    if wanted[:3] == entry[:3] and isinstance(wanted[3], dict) and isinstance(entry[3], dict):
-        for key in dict.fromkeys([*wanted[3], *entry[3]]):
-            if wanted[3].get(key) != entry[3].get(key):
-                what = f"{where}, parameter {key} at its start"
-                return what, *(json.dumps(values.get(key)) for values in (wanted[3], entry[3]))  # type: ignore[return-value]
-    texts = [_text(each) for each in (wanted, entry)]
-    if wanted[0] != entry[0]:
-        texts[1] = f"{_node_text(entry, nodes)}: {texts[1]}"
-    return where, texts[0], texts[1]
 
 
 def _node_text(entry: Entry, nodes: Mapping[tuple[int, ...], NodeProgress]) -> str:

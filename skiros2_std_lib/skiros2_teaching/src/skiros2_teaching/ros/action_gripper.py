@@ -11,7 +11,7 @@ from actionlib_msgs.msg import GoalStatus
 
 from control_msgs.msg import GripperCommandAction, GripperCommandActionGoal, GripperCommandGoal
 from skiros2_common.core.world_element import Element
-from skiros2_common.ros.connections import ServerWatch
+from skiros2_common.ros.connections import ServerWatch, send_goal
 from skiros2_motion.core.gripper import GripperEvent
 from skiros2_std_skills.core.driver_names import GRIPPER, part_name, robot_name
 
@@ -74,7 +74,7 @@ class ActionGripper:
 
     def _send(self) -> None:
         if self._watch.is_connected():
-            self._client.send_goal(self._goal)
+            send_goal(self._client, self._goal)
             self._is_sent = True
 
     def _on_goal(self, message: GripperCommandActionGoal) -> None:

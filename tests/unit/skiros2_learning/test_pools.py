@@ -5,13 +5,15 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
-from distributed import LocalCluster
+from distributed import Client, LocalCluster
 
 from skiros2_learning.core import pools
 from skiros2_learning.core.evaluation import Evaluation, Unavailable, evaluate
@@ -26,11 +28,28 @@ TEXT = scenario_text("parabola", "EXECUTION", evaluations=6, initial=3, settings
 
 
 @contextmanager
-def cluster(folder: Path) -> Iterator[Any]:
-    """Two workers with one thread each."""
+def cluster(folder: Path, count: int = 2) -> Iterator[Any]:
+    """Workers with one thread each."""
     options = {"dashboard_address": ":0", "local_directory": str(folder)}
-    with LocalCluster(n_workers=2, threads_per_worker=1, **options) as found:
+    with LocalCluster(n_workers=count, threads_per_worker=1, **options) as found:
         yield found
+
+
+@contextmanager
+def lone_worker(found: Any, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """One more worker, whom no other process watches."""
+    options = ["--no-nanny", "--nthreads", "1", "--local-directory", str(folder)]
+    command = [sys.executable, "-m", "dask", "worker", found.scheduler_address, *options]
+    count = len(found.scheduler.workers) + 1
+    env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    process = subprocess.Popen(command, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        with Client(found, set_as_default=False) as client:
+            client.wait_for_workers(count, timeout=60)
+        yield process
+    finally:
+        process.kill()
+        process.wait()
 
 
 def address(found: Any) -> str:
@@ -96,6 +115,26 @@ def test_other_workers_take_over_from_one_that_is_killed(tmp_path: Path) -> None
         killed: list[int] = []
         study = LearningStudy.create(scenario(tmp_path), tmp_path / "study")
         Runner(study, address(found), kill).run()
+    assert [result.error for result in study.results().values()] == [""] * 6
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("with_nanny", [True, False])
+def test_other_workers_take_over_from_one_that_is_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, with_nanny: bool
+) -> None:
+    monkeypatch.setattr(pools, "_TIMEOUT", 12.0)
+    with cluster(tmp_path, 1) as found, lone_worker(found, tmp_path) as lone:
+        worker = next(iter(found.workers.values())).process.process.pid if with_nanny else lone.pid
+        stopped = []
+
+        def stop(number: int, result: Evaluation) -> None:
+            if not stopped:
+                stopped.append(worker)
+                os.kill(worker, signal.SIGSTOP)
+
+        study = LearningStudy.create(scenario(tmp_path), tmp_path / "study")
+        Runner(study, address(found), stop).run()
     assert [result.error for result in study.results().values()] == [""] * 6
 
 

@@ -6,13 +6,14 @@ On a worker too, an execution runs in a process of its own: one that hangs or cr
 from __future__ import annotations
 
 import importlib.util
+import logging
 import multiprocessing
 import pickle
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Any, Protocol
 
 from pebble import ProcessPool
@@ -22,11 +23,13 @@ from skiros2_learning.core.evaluation import Unavailable
 from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.worker_process import begin
 
+log = logging.getLogger(__name__)
+
 #: The number of processes of this machine, or the address of a Dask scheduler: dask://HOST:PORT.
 Workers = int | str
 DASK = "dask://"
 
-#: How long a scheduler has to answer, and to have a worker (s).
+#: How long a scheduler has to answer, and to have a worker; how long a worker may be silent (s).
 _TIMEOUT = 30.0
 
 
@@ -37,7 +40,7 @@ class Pool(Protocol):
     def count(self) -> int:
         """How many can run at once; may change. To be asked about once a second.
 
-        :raises Unavailable: the cluster has had no worker for 30 s.
+        :raises Unavailable: the cluster has had no worker for 30 s, or its scheduler does not answer.
         """
 
     def schedule(self, function: Callable[..., Any], arguments: Sequence[Any], timeout: float) -> Future[Any]:
@@ -106,22 +109,50 @@ class _Cluster:
         self._client = client
         self._executor = client.get_executor(pure=False)
         self._scenario = pickle.dumps(scenario)
-        self._last_worker = time.monotonic()
+        self._last_worker = self._looked = time.monotonic()
+        self._seen: dict[str, float] = {}
 
     @property
     def count(self) -> int:
-        found = 0
-        with suppress(OSError, TimeoutError, CancelledError):
-            found = sum(self._client.nthreads().values())
+        found, reason = 0, "the cluster has no worker"
+        try:
+            self._restart_silent()
+            found = sum(self._answer(self._client.scheduler.ncores).values())
+        except (OSError, TimeoutError, CancelledError):
+            reason = "the scheduler of the cluster does not answer"
         if found:
             self._last_worker = time.monotonic()
         elif time.monotonic() - self._last_worker > _TIMEOUT:
-            raise Unavailable("the cluster has no worker; what was not finished is repeated by the next run")
+            raise Unavailable(f"{reason}; what was not finished is repeated by the next run")
         return found
+
+    def _restart_silent(self) -> None:
+        """Restarts workers that have sent nothing since the last look, so that others make their executions: they are
+        stopped, or their machine is gone. Dask does so after 5 to 10 minutes."""
+        if time.monotonic() - self._looked < _TIMEOUT:
+            return
+        self._looked = time.monotonic()
+        workers = self._answer(self._client.scheduler.identity, n_workers=-1)["workers"]
+        seen = {address: worker["last_seen"] for address, worker in workers.items()}
+        silent = [address for address, time in seen.items() if self._seen.get(address) == time]
+        self._seen = seen
+        if silent:
+            log.warning("the cluster: workers do not answer, and are restarted: %s", ", ".join(silent))
+            self._answer(self._client.run_on_scheduler, _restart, silent, _TIMEOUT / 2)
+
+    def _answer(self, question: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        return self._client.sync(question, *arguments, **options, callback_timeout=_TIMEOUT)
 
     def schedule(self, function: Callable[..., Any], arguments: Sequence[Any], timeout: float) -> Future[Any]:
         future: Future[Any] = self._executor.submit(_on_worker, self._scenario, function, arguments, timeout)
         return future
+
+
+async def _restart(addresses: list[str], timeout: float, dask_scheduler: Any) -> None:
+    """Restarts workers. Runs in the scheduler, which removes those that no nanny watches."""
+    await dask_scheduler.restart_workers(
+        addresses, timeout=timeout, wait_for_workers=False, on_error="return", stimulus_id="silent"
+    )
 
 
 _lock = threading.Lock()

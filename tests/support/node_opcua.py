@@ -88,6 +88,13 @@ def order(job_id: str, master: str = "", **parameters: Any) -> dict[str, Any]:
     return _structure("ISA95JobOrderDataType", **fields)
 
 
+def response(job_id: str, response_id: str, **values: Any) -> dict[str, Any]:
+    """Returns the response of another system to a job, which has ended there."""
+    data = [_structure("ISA95ParameterDataType", ID=key, value={"variant": value}) for key, value in values.items()]
+    fields = {"jobResponseID": response_id, "jobOrderID": job_id, "jobResponseData": data}
+    return _structure("ISA95JobResponseDataType", **fields, jobState=[_structure("ISA95StateDataType", stateNumber=5)])
+
+
 def states(*numbers: int) -> dict[str, Any]:
     """Returns a list of states by their numbers."""
     return {"type": "ISA95StateDataType", "value": [{"stateNumber": number} for number in numbers]}

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("asyncua")
 
-from support.node_opcua import node_opcua, order, states
+from support.node_opcua import node_opcua, order, response, states
 from unit.skiros2_gateway.conftest import TOKENS
 
 SUCCESS, UNKNOWN_JOB, INVALID_STATE, NOT_ACCEPTED = 1, 2, 8, 16
@@ -47,6 +47,9 @@ def test_node_opcua_runs_the_life_of_job_orders(in_server: Callable[..., None], 
             assert await shown("n1") == ["Ended", "Closed"]
             found, status = await mes.call("RequestJobResponseByJobOrderState", states(5), of=PROVIDER)
             assert status == SUCCESS and "n1" in [each["jobOrderID"] for each in found]
+            measured = response("n1", "m1", Weight=1.5, Passed=True)
+            assert await mes.call("ReceiveJobResponse", measured, of="JobResponseReceiver") == [SUCCESS]
+            assert gateway.job("n1").received[0]["values"] == {"Weight": 1.5, "Passed": True}
             assert await mes.status("Clear", "n1") == SUCCESS
 
             # stop, cancel, update, abort

@@ -132,7 +132,7 @@ def test_instances_are_in_the_cells_namespace_and_have_all_parts_of_their_types(
     async def test(gateway: Any) -> None:
         async with Mes(gateway.address, "view") as mes:
             await mes.load()
-            for name in ("JobOrderReceiver", "JobResponseProvider"):
+            for name in ("JobOrderReceiver", "JobResponseProvider", "JobResponseReceiver"):
                 node = await mes.object(name)
                 assert node.nodeid == ua.NodeId(name, mes.cell)
                 type_node = mes.get_node(await node.read_type_definition())

@@ -216,6 +216,7 @@ class Job:
     :param place: its place in the queue, if a person has moved it; see `rank`.
     :param wanted: the method that the cell is carrying out: Pause, Stop or Abort; "" for none.
     :param cleared: whether it was removed from the list by Cancel or Clear. Its response is kept.
+    :param received: responses of others; see `skiros2_gateway.core.received_responses`.
     """
 
     order: Order
@@ -232,6 +233,7 @@ class Job:
     approved: dict[str, Any] | None = None
     place: Rank | None = None
     response: Response = field(default_factory=Response)
+    received: list[dict[str, Any]] = field(default_factory=list)
 
     @property
     def id(self) -> str:
@@ -328,6 +330,7 @@ class Job:
             "rank": list(self.rank),
             "is_moved": self.place is not None,
             "response": asdict(self.response),
+            "received": self.received,
         }
 
     @classmethod
@@ -348,4 +351,5 @@ class Job:
             approved=data.get("approved"),
             place=tuple(data["rank"]) if data.get("is_moved") else None,
             response=Response(**data["response"]),
+            received=data.get("received", []),
         )

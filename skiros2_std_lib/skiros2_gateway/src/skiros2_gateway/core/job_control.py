@@ -48,7 +48,7 @@ class JobControl:
         self.store = store
         self.masters = masters
         self.events = events
-        self._clock = clock
+        self.clock = clock
         self._cell: Cell | None = None
         #: To be read only.
         self.jobs = OpenJobs(store, events)
@@ -129,7 +129,7 @@ class JobControl:
         if known is not None:
             return known, False
         check_deadline()
-        now, robots = self._clock(), self.masters.robots_of(order)
+        now, robots = self.clock(), self.masters.robots_of(order)
         _check_approved(approved, goal, robots)
         state = State.ALLOWED_TO_START if start else State.NOT_ALLOWED_TO_START
         job = Job(order, goal, self._sequence, now, now, state, author=author, robots=robots, approved=approved)
@@ -163,7 +163,7 @@ class JobControl:
         self.get(order.id).check(Method.UPDATE)
         goal = await self.check(order)
         check_deadline()
-        job, now = self.get(order.id), self._clock()  # it may have started meanwhile
+        job, now = self.get(order.id), self.clock()  # it may have started meanwhile
         job.check(Method.UPDATE)
         job.place = None
         job.approved = None  # it is the order of whoever has changed it
@@ -187,7 +187,7 @@ class JobControl:
             job.substate = Substate.READY
         actions = {Method.PAUSE: self.cell.pause, Method.RESUME: self.cell.resume}
         in_cell = actions.get(method, self.cell.stop) if job.is_in_cell else None
-        job.apply(method, author, self._clock())
+        job.apply(method, author, self.clock())
         stops = in_cell is not None and method is not Method.RESUME
         if stops and in_cell is not None:
             in_cell(job.id)  # robots stop, whatever the disk does
@@ -212,7 +212,7 @@ class JobControl:
     def goal_accepted(self, goal_id: str) -> None:
         job = self.jobs.open(goal_id)
         if job is not None and job.substate is Substate.LOADED:
-            job.response.started = now = self._clock()
+            job.response.started = now = self.clock()
             job.change(State.RUNNING, Substate.NONE, now)
             self._note(job, GATEWAY, "accepted")
 
@@ -225,7 +225,7 @@ class JobControl:
         response.phase, response.message = progress.phase, progress.message
         response.plan, response.steps = progress.plan, progress.steps
         response.robots = sorted({*response.robots, *(step["robot"] for step in progress.steps)})
-        job.changed = self._clock()
+        job.changed = self.clock()
         self.jobs.update(job)
         others = set(response.robots) - set(job.robots)
         if job.robots and others and not job.wanted:
@@ -240,10 +240,10 @@ class JobControl:
         if job is None or job.wanted:
             return
         if reason and job.state is State.RUNNING:
-            job.change(State.INTERRUPTED, Substate.SUSPENDED, self._clock())
+            job.change(State.INTERRUPTED, Substate.SUSPENDED, self.clock())
             self._note(job, GATEWAY, "suspended", reason)
         elif not reason and job.state is State.INTERRUPTED and job.substate is Substate.SUSPENDED:
-            job.change(State.RUNNING, Substate.NONE, self._clock())
+            job.change(State.RUNNING, Substate.NONE, self.clock())
             self._note(job, GATEWAY, "resumed")
 
     def goal_ended(self, goal_id: str, ending: Ending) -> None:
@@ -257,7 +257,7 @@ class JobControl:
                 self.cell.start(_goal_of(job))
                 return
             ending = replace(ending, outcome=LOST)
-        job.response.end(ending, now := self._clock(), self.cell.revision)
+        job.response.end(ending, now := self.clock(), self.cell.revision)
         is_ended = ending.outcome != LOST and (ending.outcome in REACHED or job.wanted == Method.STOP)
         job.wanted = ""
         job.change(*((State.ENDED, Substate.COMPLETED) if is_ended else (State.ABORTED, Substate.NONE)), now)
@@ -280,7 +280,7 @@ class JobControl:
             log.error("no job starts: %s", error)
             self._retry()
             return
-        now = self._clock()
+        now = self.clock()
         if (later := self.jobs.next_start(now)) is not None:
             self._retry(min(_CLOCK_CHECK_PERIOD, max(0.01, later - now)))
         if not self._cell.is_ready:
@@ -325,13 +325,13 @@ class JobControl:
         task.add_done_callback(self._tasks.discard)
 
     async def _collected(self, job: Job) -> None:
-        found = await _collect(self.cell, self.masters, job, self._clock())
+        found = await _collect(self.cell, self.masters, job, self.clock())
         job = self.jobs.open(job.id) or job  # it may have been cleared meanwhile
         response = job.response
         response.changes, response.quality, response.collected = found.changes, found.quality, True
         response.notes = [*response.notes, *found.notes]
         if job.state is State.ENDED:
-            job.change(State.ENDED, Substate.CLOSED, self._clock())
+            job.change(State.ENDED, Substate.CLOSED, self.clock())
         self._note(job, GATEWAY, "collected")
         self.events.publish("response", {"job": job.id, **asdict(response)})
 

@@ -19,6 +19,7 @@ from skiros2_gateway.core.job_control import JobControl
 from skiros2_gateway.core.keys import Keep, Keys
 from skiros2_gateway.core.problems import Denied, StoreFailed, TooMany, Unauthenticated
 from skiros2_gateway.core.queue import move
+from skiros2_gateway.core.received_responses import METHOD, receive
 from skiros2_gateway.core.sessions import Sessions
 from skiros2_gateway.core.store import JobStore
 
@@ -133,6 +134,13 @@ class Service:
             return await self.control.update(read_order(data), caller.user, comment)
 
         return await self.command(caller, Method.UPDATE, thing, update)
+
+    async def receive(self, caller: Caller, data: Any) -> Job:
+        """Keeps a response to a job that another system has sent; see `skiros2_gateway.core.received_responses`."""
+        with self.audited(caller, METHOD, str(data["job"])[:200]):
+            job = receive(self.control, data, caller.user)
+            await self.store.synced()
+        return job
 
     async def move(self, caller: Caller, job_id: str, before: str) -> Job:
         """Moves a job of the queue; see `skiros2_gateway.core.queue`."""

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
-from skiros2_gateway.core import job
+from skiros2_gateway.core import job, received_responses
 
 #: A number of the store: SQLite's integers have 64 bits.
 Number = Annotated[int, Field(ge=0, lt=2**63)]
@@ -76,6 +76,7 @@ class JobData(BaseModel):
     rank: list[float] = Field([], description="the place in the queue: the smallest starts first")
     is_moved: bool = False
     response: job.Response
+    received: list[received_responses.Kept] = []
 
 
 class Jobs(BaseModel):

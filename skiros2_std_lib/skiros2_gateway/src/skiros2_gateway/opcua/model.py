@@ -18,8 +18,9 @@ CELL_NAMESPACE = "urn:skiros2:cell:"
 #: The file of the node set. `nodesets/take` takes it from the package at set-up.
 NODESET = "opc.ua.isa95-jobcontrol.nodeset2.xml"
 
-RECEIVER, PROVIDER = "JobOrderReceiver", "JobResponseProvider"
+RECEIVER, PROVIDER, RESPONSE_RECEIVER = "JobOrderReceiver", "JobResponseProvider", "JobResponseReceiver"
 RECEIVER_TYPE, PROVIDER_TYPE = "ISA95JobOrderReceiverSubStatesType", "ISA95JobResponseProviderObjectType"
+RESPONSE_RECEIVER_TYPE = "ISA95JobResponseReceiverObjectType"
 PROVIDER_METHODS = ("RequestJobResponseByJobOrderID", "RequestJobResponseByJobOrderState")
 
 #: An argument of a method: name, type (or the name of a structure) and whether it is an array.
@@ -33,7 +34,8 @@ class JobModel:
     """The instances.
 
     :param types, cell: indexes of the namespaces.
-    :param children: variables, methods and objects of receiver and provider, by name.
+    :param children: variables, methods and objects of receiver, provider and response receiver, by name.
+    :param owners: the objects of the methods, by name.
     :param type_methods: the methods of their types, by name; clients may call an object's method by its type's id.
     :param arguments: input arguments of the methods, by name.
     """
@@ -43,6 +45,7 @@ class JobModel:
     receiver: Node
     provider: Node
     children: Mapping[str, Node]
+    owners: Mapping[str, Node]
     type_methods: Mapping[str, Node]
     arguments: Mapping[str, list[Argument]]
 
@@ -66,11 +69,13 @@ async def build_model(server: Server, nodesets: Path, cell: str) -> JobModel:
     await server.load_data_type_definitions()
     types = await server.get_namespace_index(NAMESPACE)
     index = await server.register_namespace(cell)
-    made, children, type_methods = {}, dict[str, Node](), dict[str, Node]()
-    for name, kind in ((RECEIVER, RECEIVER_TYPE), (PROVIDER, PROVIDER_TYPE)):
+    made, children, owners, type_methods = {}, dict[str, Node](), dict[str, Node](), dict[str, Node]()
+    kinds = {RECEIVER: RECEIVER_TYPE, PROVIDER: PROVIDER_TYPE, RESPONSE_RECEIVER: RESPONSE_RECEIVER_TYPE}
+    for name, kind in kinds.items():
         type_node = await find_type(server, types, kind)
-        type_methods.update(await _methods(server, type_node))
+        type_methods.update(methods := await _methods(server, type_node))
         made[name] = await server.nodes.objects.add_object(ua.NodeId(name, index), f"{index}:{name}", type_node.nodeid)
+        owners.update(dict.fromkeys(methods, made[name]))
         for node in await made[name].get_children():
             children[(await node.read_browse_name()).Name] = node
     arguments = {
@@ -83,7 +88,7 @@ async def build_model(server: Server, nodesets: Path, cell: str) -> JobModel:
         await children[name].write_value(ua.Variant([], ua.VariantType.String, is_array=True))
     for name in ("JobOrderList", "WorkMaster", "JobOrderResponseList"):
         await children[name].write_value(ua.Variant([], ua.VariantType.ExtensionObject, is_array=True))
-    return JobModel(types, index, made[RECEIVER], made[PROVIDER], children, type_methods, arguments)
+    return JobModel(types, index, made[RECEIVER], made[PROVIDER], children, owners, type_methods, arguments)
 
 
 async def _methods(server: Server, type_node: Node) -> dict[str, Node]:

@@ -11,7 +11,7 @@ from skiros2_gateway.core.job import Job, State, Substate, read_order
 from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.problems import Problem, Rejected
 from skiros2_gateway.core.work_masters import WorkMaster
-from skiros2_gateway.opcua.resources import add_resources, resources_data
+from skiros2_gateway.opcua.resources import ACTUALS, REQUIREMENTS, add_resources, resources_data
 
 #: The parameter of an order that has the goal text, where no work master is named.
 GOAL_PARAMETER = "Goal"
@@ -35,16 +35,8 @@ def order_data(order: Any) -> dict[str, Any]:
     :raises Rejected: with all problems of its fields.
     """
     problems: list[Problem] = []
-    resources = resources_data(order, problems)
-    problems += [
-        Problem("wrong_value", f"parameters.{p.ID}", "Subparameters", "a value")
-        for p in order.JobOrderParameters or []
-        if p.Subparameters
-    ]
-    ids = [str(p.ID) for p in order.JobOrderParameters or []]
-    for key in sorted({key for key in ids if ids.count(key) > 1}):
-        problems.append(Problem("wrong_value", f"parameters.{key}", f"{ids.count(key)} values", "one"))
-    parameters = {str(p.ID): _plain(p.Value) for p in order.JobOrderParameters or []}
+    resources = resources_data(order, REQUIREMENTS, problems)
+    parameters = _values(order.JobOrderParameters, "parameters", problems)
     masters = [str(master.ID) for master in order.WorkMasterID or []]
     if len(masters) > 1:
         problems.append(Problem("wrong_value", "work_master", f"{len(masters)} work masters", "one at most"))
@@ -68,6 +60,29 @@ def order_data(order: Any) -> dict[str, Any]:
             read_order(data)
         except Rejected as error:
             problems += error.problems
+        raise Rejected(problems)
+    return data
+
+
+def response_data(response: Any) -> dict[str, Any]:
+    """Returns the JSON data of a response of another system; see `skiros2_gateway.core.received_responses`.
+
+    :param response: an ISA95JobResponseDataType.
+    :raises Rejected: with the problems of values that cannot be kept.
+    """
+    problems: list[Problem] = []
+    data = {
+        "id": response.JobResponseID or "",
+        "job": response.JobOrderID or "",
+        "description": (response.Description.Text or "") if response.Description else "",
+        "started": _iso(response.StartTime),
+        "ended": _iso(response.EndTime),
+        "states": [state.StateText.Text or "" for state in response.JobState or [] if state.StateText],
+        "values": _values(response.JobResponseData, "values", problems),
+        "equipment": [str(equipment.ID) for equipment in response.EquipmentActuals or []],
+        "resources": resources_data(response, ACTUALS, problems),
+    }
+    if problems:
         raise Rejected(problems)
     return data
 
@@ -175,8 +190,16 @@ def _state(text: str, number: int, path: list[ua.RelativePathElement] | None = N
     return ua.ISA95StateDataType(BrowsePath=browse_path, StateText=shown, StateNumber=number)
 
 
-def _plain(value: Any) -> Any:
-    return value.Value if isinstance(value, ua.Variant) else value
+def _values(parameters: list[Any] | None, where: str, problems: list[Problem]) -> dict[str, Any]:
+    """Returns the values of parameters (ISA95ParameterDataType) by their ids; adds what cannot be kept."""
+    ids = [str(each.ID) for each in parameters or []]
+    for each in parameters or []:
+        if each.Subparameters:
+            problems.append(Problem("wrong_value", f"{where}.{each.ID}", "Subparameters", "a value"))
+    for key in sorted({key for key in ids if ids.count(key) > 1}):
+        problems.append(Problem("wrong_value", f"{where}.{key}", f"{ids.count(key)} values", "one"))
+    values = (each.Value.Value if isinstance(each.Value, ua.Variant) else each.Value for each in parameters or [])
+    return dict(zip(ids, values, strict=True))
 
 
 def _iso(time: datetime | None) -> str | None:

@@ -10,12 +10,15 @@ from asyncua import ua
 from skiros2_gateway.core.problems import Problem
 from skiros2_gateway.core.resources import Resource
 
-#: The field of an order and its structure, by the kind of the resource; and the name of the use in the structure.
+#: The begin of the field of an order or response and its structure, by the kind of the resource; and the name of the
+#: use in the structure.
 _FIELDS = {
-    "personnel": ("PersonnelRequirements", "ISA95PersonnelDataType", "PersonnelUse"),
-    "physical_asset": ("PhysicalAssetRequirements", "ISA95PhysicalAssetDataType", "PhysicalAssetUse"),
-    "material": ("MaterialRequirements", "ISA95MaterialDataType", "MaterialUse"),
+    "personnel": ("Personnel", "ISA95PersonnelDataType", "PersonnelUse"),
+    "physical_asset": ("PhysicalAsset", "ISA95PhysicalAssetDataType", "PhysicalAssetUse"),
+    "material": ("Material", "ISA95MaterialDataType", "MaterialUse"),
 }
+#: The end of the field of an order, and of a response.
+REQUIREMENTS, ACTUALS = "Requirements", "Actuals"
 _MATERIAL = {
     "material_class": "MaterialClassID", "material_definition": "MaterialDefinitionID", "lot": "MaterialLotID",
     "sublot": "MaterialSublotID",
@@ -23,11 +26,15 @@ _MATERIAL = {
 _UNITS = "http://www.opcfoundation.org/UA/units/un/cefact"
 
 
-def resources_data(order: Any, problems: list[Problem]) -> list[dict[str, Any]]:
-    """Returns the resources of an order (ISA95JobOrderDataType) as JSON data; adds what cannot be kept."""
+def resources_data(structure: Any, end: str, problems: list[Problem]) -> list[dict[str, Any]]:
+    """Returns the resources of an order or a response as JSON data; adds what cannot be kept.
+
+    :param end: `REQUIREMENTS` or `ACTUALS`.
+    """
     found = []
-    for kind, (field, _, use) in _FIELDS.items():
-        for number, each in enumerate(getattr(order, field) or []):
+    for kind, (begin, _, use) in _FIELDS.items():
+        field = begin + end
+        for number, each in enumerate(getattr(structure, field) or []):
             place = f"{field}.{number}.Properties"
             properties = each.Properties or []
             problems += [
@@ -58,7 +65,7 @@ def resources_data(order: Any, problems: list[Problem]) -> list[dict[str, Any]]:
 def add_resources(make: Any, resources: Iterable[Resource]) -> None:
     """Adds resources to the structure of an order."""
     for resource in resources:
-        field, structure, use = _FIELDS[resource.kind]
+        begin, structure, use = _FIELDS[resource.kind]
         each = getattr(ua, structure)()
         names = _MATERIAL if resource.kind == "material" else {"id": "ID"}
         for own, name in {**names, "use": use, "quantity": "Quantity"}.items():
@@ -73,6 +80,7 @@ def add_resources(make: Any, resources: Iterable[Resource]) -> None:
             each.Properties = [
                 ua.ISA95PropertyDataType(ID=key, Value=ua.Variant(value)) for key, value in resource.properties.items()
             ]
+        field = begin + REQUIREMENTS
         setattr(make, field, [*(getattr(make, field) or []), each])
 
 

@@ -22,15 +22,16 @@ from skiros2_gateway.core.access import Caller
 from skiros2_gateway.core.job import Method
 from skiros2_gateway.core.keys import keep_of
 from skiros2_gateway.core.problems import Denied, TooMany, Unauthenticated
+from skiros2_gateway.core.received_responses import METHOD
 from skiros2_gateway.core.service import Service
 from skiros2_gateway.core.settings import Settings
 from skiros2_gateway.core.store import JobFilter
 from skiros2_gateway.opcua.arguments import described, wrong_arguments
 from skiros2_gateway.opcua.identity import cell_name, own_certificate
 from skiros2_gateway.opcua.job_states import JobStates
-from skiros2_gateway.opcua.lists import RESPONSES, JobLists, ListVariable
+from skiros2_gateway.opcua.lists import RESPONSES, JobLists, ListVariable, prepare_before
 from skiros2_gateway.opcua.model import CELL_NAMESPACE, PROVIDER_METHODS, JobModel, build_model
-from skiros2_gateway.opcua.orders import job_response, order_data, wanted_states, work_master
+from skiros2_gateway.opcua.orders import job_response, order_data, response_data, wanted_states, work_master
 from skiros2_gateway.opcua.return_status import ReturnStatus
 from skiros2_gateway.opcua.trust_list import TrustingServer, TrustList, is_channel_accepted
 from skiros2_gateway.opcua.twin import Twin
@@ -185,6 +186,7 @@ class OpcuaServer:
             self._link(method, self._on_order(method) if takes_order else self._on_method(method))
         for name, call in zip(PROVIDER_METHODS, (self._response_by_id, self._responses_by_state), strict=True):
             self._link(name, call)
+        self._link(METHOD, self._receive_response)
         masters = [work_master(master) for master in self._service.control.masters.all.values()]
         await self._write("WorkMaster", masters)
         self._twin = Twin(self._server, self._service, self._model.cell)
@@ -192,7 +194,7 @@ class OpcuaServer:
 
     def _link(self, name: str, call: Callable[..., Coroutine[Any, Any, Any]]) -> None:
         method, declared = self._model.children[name], self._model.arguments[name]
-        own = self._model.provider if name in PROVIDER_METHODS else self._model.receiver
+        own = self._model.owners[name]
 
         async def linked(owner: ua.NodeId, *arguments: ua.Variant) -> Any:
             if owner != own.nodeid:
@@ -254,6 +256,13 @@ class OpcuaServer:
         await self._service.once(caller, key, [method, command], carry_out, keep_of(method.name.lower()))
         return [_status_variant(ReturnStatus.SUCCESS)]
 
+    async def _receive_response(self, response: Any) -> Any:
+        try:
+            await self._service.receive(_current_caller(), response_data(response))
+        except SkirosError as error:
+            return _status(METHOD, error)
+        return [_status_variant(ReturnStatus.SUCCESS)]
+
     async def _response_by_id(self, job_id: str) -> list[ua.Variant]:
         self._service.view(_current_caller())
         try:
@@ -299,15 +308,20 @@ class OpcuaServer:
         await self._model.children["EquipmentID"].write_value(ua.Variant(names, ua.VariantType.String, is_array=True))
 
     async def _write_lists(self) -> None:
-        makes = {"JobOrderList": self._lists.orders, "JobOrderResponseList": self._lists.responses}
-        variables = [ListVariable(self._server, self._model.children[name], make) for name, make in makes.items()]
+        nodes = self._model.children
+        orders = ListVariable(self._server, nodes["JobOrderList"], self._lists.orders)
+        responses = ListVariable(self._server, nodes["JobOrderResponseList"], self._lists.responses)
+        prepare_before(self._server, nodes["JobOrderList"], self._lists.prepare)
         while True:
             await self._has_changes.wait()
             self._has_changes.clear()
             begin = time.thread_time()
             try:
-                for variable in variables:
-                    await variable.on_change()
+                if orders.is_subscribed:
+                    await self._lists.prepare()
+                for variable in (orders, responses):
+                    if variable.is_subscribed:
+                        await variable.send()
             except Exception:
                 log.exception("OPC UA: the lists of jobs are not sent")
             await asyncio.sleep(max(_LIST_PERIOD, _LIST_PAUSE * (time.thread_time() - begin)))

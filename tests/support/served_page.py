@@ -104,7 +104,7 @@ def ask(gateway: Any) -> asyncio.Task[str]:
     """Has an agent ask for an approval."""
     step = {"label": "place", "robot": "/arm", "arguments": {"Product": "Product-2", "Tray": "Tray-1"}}
     runs = {"goal": "(skiros:contain Tray-1 Product-2)", "plan": [step]}
-    shown = {"changes": ["+ Tray-1 skiros:contain Product-2", "- Shelf-3 skiros:contain Product-2"]}
+    shown = {"changes": ["Tray-1 contains Product-2", "Shelf-3 no longer contains Product-2"]}
     caller = Caller("agent", Role.OPERATE, AGENTS)
     request = Request(runs, shown, ("/arm",), "The order of the customer is due at noon.")
     return asyncio.get_running_loop().create_task(gateway.service.approvals.request(caller, request))

@@ -170,7 +170,7 @@ def test_agent_checks_plans_and_executes(cell: JobCell) -> None:
         "Object": cell.products[1], "To": cell.stores[0], "From": cell.shelf, "Robot": check["elements"]["Robot"],
         "Options": {"gentle": True},
     }  # fmt: skip
-    for begin in (f"- {cell.shelf}", f"+ {cell.stores[0]}"):
+    for begin in (f"{cell.shelf} no longer contains", f"{cell.stores[0]} contains"):
         assert any(change.startswith(begin) for change in check["changes"]), check["changes"]
     assert "skiros:Product-999" in wrong["detail"]
     assert preview["state"] == "planned" and cell.products[1] in str(preview["preview"])

@@ -61,7 +61,9 @@ def test_alarms_are_counted_and_acknowledged(open_page: Any) -> None:
     expect(latched).to_contain_text(", not acknowledged")
     unanswered = dialog.locator(".approval", has_text="nobody has approved it within 300 s")
     expect(unanswered).to_contain_text("ended without an answer")
-    assert set(kinds.all_inner_texts()) == {"Job failed", "No connection", "Robot stopped", "Approval waits"}
+    words = {"Job failed", "No connection", "Robot stopped", "Approval waits", "Not answered"}
+    assert set(kinds.all_inner_texts()) == words
+    expect(unanswered.locator("b")).to_have_text("Request of an agent")  # not its number
     failed = dialog.locator(".approval", has_text="Job failed")
     expect(failed).to_contain_text("Product-2 has slipped")
     failed.locator("[data-action=acknowledge]").click()
@@ -135,6 +137,20 @@ def test_job_is_found_and_opened(open_page: Any) -> None:
         expect(details).to_contain_text(text)
     page.keyboard.press("Escape")
     expect(details).to_have_count(0)
+
+
+def test_log_names_tasks_by_their_skills(open_page: Any) -> None:
+    page = open_page("view")
+    page.click("nav[data-region=centre] >> text=Log")
+    playwright.expect(page.locator(".log b").first).to_have_text("▶ pick, place")
+
+
+def test_two_clicks_open_one_new_job(open_page: Any) -> None:
+    page = open_page("operate")
+    page.wait_for_selector("#new-job")
+    page.evaluate("for (const _ of [1, 2]) document.querySelector('#new-job').click()")
+    page.wait_for_load_state("networkidle")
+    playwright.expect(page.locator("dialog.job")).to_have_count(1)
 
 
 def test_figures_of_a_period_are_shown_and_saved(open_page: Any) -> None:

@@ -71,7 +71,7 @@ def test_elements_with_the_same_label_are_named_with_their_ids() -> None:
     elements["x:Key-5"] = {"label": "Tray", "type": "skiros:Parameter"}
     named = ["Cup (Cup-1)", "Cup (Cup-2)", "Tray", "Tray-4", "Cup"]
     assert run_in_node(program, json.dumps({"elements": elements})) == [
-        *named, "+ Cup (Cup-1) x:in Tray, x:Nothing-9",
+        *named, "+ Cup (Cup-1) in Tray, x:Nothing-9",
     ]  # fmt: skip
 
 

@@ -23,6 +23,6 @@ def test_element_that_a_skill_will_make_is_named_without_an_id() -> None:
     cook = world.robot("cook", bake, at=world.places[0])
     start = StartPreview("bake", values={"Robot": [cook], "Place": [world.places[0]]})
     lines = expected_changes("/cook", world.wm, start)
-    assert f"+ {world.places[0]} skiros:contain new skiros:Product 1" in lines
+    assert f"{world.places[0]} contains new skiros:Product 1" in lines
     world.thing("skiros:Product")
     assert expected_changes("/cook", world.wm, start) == lines

@@ -94,6 +94,9 @@ def test_goals_of_a_task_manager_that_has_disconnected_are_lost(cell: CellDocume
     assert down.since > up.since and down.updated(False).since == down.since
     cell.apply(down)
     assert goal.state is TaskState.LOST
+    send(cell)
+    assert goal.state is TaskState.RUNNING, "it continues when the task manager is there again"
+    assert [run.robot for run in cell.shown] == [GOALS]
     assert changes == [up, down] and cell.connections == {TASK_MANAGER: down}
 
 

@@ -176,6 +176,16 @@ def test_step_of_a_lost_robot_has_failed() -> None:
     assert _rows(goal.latest)[1] == (1, "pick", FAILURE) and goal.latest.message(1) == "/alpha has disappeared"
 
 
+def test_step_continues_with_a_robot_that_was_silent() -> None:
+    cell = Cell()
+    goal = cell.feedback(PLAN, _state(1, "running", task=7), _state(2, "waiting"))
+    cell.task(_task(7, "pick"))
+    cell.runs.mark_lost("/alpha")
+    again = cell.task(_ended(7, "pick"))
+    assert cell.goals.goal_of(again) is goal
+    assert _rows(goal.latest)[1] == (1, "pick", SUCCESS)
+
+
 def test_step_ends_with_its_task_not_before() -> None:
     cell = Cell()
     goal = cell.feedback(PLAN, _state(1, "running", task=7), _state(2, "waiting"))

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from skiros2_common.core.names import local_name
-from skiros2_common.core.wording import label_text, verb, words
+from skiros2_common.core.wording import label_text
 from skiros2_task.core.explain_plan import Link, WhyPlan
 from skiros2_task.core.goal_sentence import NameOf, goal_sentence
-from skiros2_task.core.preview import Preview, PreviewStep
+from skiros2_task.core.preview import Preview, change_sentences
 
 #: The names of steps, by number.
 StepNames = Mapping[int, str]
@@ -26,24 +26,9 @@ def change_lines(preview: Preview, steps: StepNames, name_of: NameOf) -> Iterato
     for step in preview.steps:
         yield f"{step.number}. {steps.get(step.number, step.skill)}"
         yield from (f"     ✕ does not hold: {text}" for text in step.unsatisfied)
-        yield from (f"     {text}" for text in _changes(step, name))
+        yield from (f"     {text}" for text in change_sentences(step.changes, name))
         yield from (f"     assumed: {text}" for text in step.assumed)
     yield "The goal holds at the end." if preview.reached else "✕ The goal does not hold at the end."
-
-
-def _changes(step: PreviewStep, name: NameOf) -> Iterator[str]:
-    values: dict[tuple[str, str], dict[bool, list[str]]] = {}
-    for change in step.changes:
-        if not change.name:
-            yield f"{name(change.element)} {'is created' if change.state else 'is removed'}"
-        elif change.is_relation:
-            yield f"{name(change.element)} {verb(change.name, change.state, has_ended=True)} {name(change.value)}"
-        else:
-            values.setdefault((change.element, change.name), {True: [], False: []})[change.state].append(change.value)
-    for (eid, key), of in values.items():
-        now, before = ", ".join(of[True]), ", ".join(of[False])
-        was = f" (was {before})" if now and before else ""
-        yield f"{words(key)} of {name(eid)} is {now or f'no longer {before}'}{was}"
 
 
 def why_lines(why: WhyPlan, steps: StepNames, name_of: NameOf) -> Iterator[str]:

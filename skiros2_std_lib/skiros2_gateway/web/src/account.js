@@ -4,8 +4,9 @@ import { notify, request } from "./cell.js";
 import { openDialog } from "./dialogs.js";
 import { h, moment } from "./dom.js";
 
-const ROLES = { view: "reads", operate: "reads, and commands jobs and robots", approve: "also answers what agents ask for",
-  maintain: "also reads the audit log and ends sessions of others" };
+const OPERATE = "reads, commands jobs and robots";
+const ROLES = { view: "reads", operate: OPERATE, approve: `${OPERATE}, answers what agents ask for`,
+  maintain: `${OPERATE}, answers what agents ask for, reads the audit log, ends sessions of others` };
 
 export async function openAccount(cell) {
   const list = h("ul", { class: "sessions" });
@@ -14,7 +15,7 @@ export async function openAccount(cell) {
     location.reload();
   };
   openDialog("account", "Account", h("h2", {}, cell.user),
-    h("p", {}, `Role: ${cell.role}. It ${ROLES[cell.role] ?? ""}.`), h("h3", {}, "Sessions"), list,
+    h("p", {}, `Role ${cell.role}: ${ROLES[cell.role] ?? ""}.`), h("h3", {}, "Sessions"), list,
     h("div", {}, h("button", { type: "button", id: "logout", onclick: logout }, "Log out")));
   await notify(request("/api/sessions").then(({ sessions }) => list.append(...sessions.map((session) => row(cell, session, logout)))));
 }

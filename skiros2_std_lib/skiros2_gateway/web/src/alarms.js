@@ -61,7 +61,7 @@ export class AlarmsView {
   #source({ kind, source }) {
     const { jobs, approvals } = this.cell.document;
     if (kind === "job" && jobs[source]) return jobTitle(this.cell, jobs[source]);
-    if (kind === "approval" && approvals[source]) return title(approvals[source], (text) => this.cell.withNames(text));
+    if (kind === "approval") return !approvals[source] ? "Request of an agent" : title(approvals[source], (text) => this.cell.withNames(text));
     return localName(source.replace(/^\//, ""));
   }
 
@@ -69,7 +69,7 @@ export class AlarmsView {
     const [word, role] = KINDS[alarm.kind];
     setText(element.source, this.#source(alarm));
     setText(element.since, alarm.since ? moment(alarm.since, this.cell.now) : "");
-    setText(element.kind, word);
+    setText(element.kind, alarm.kind === "approval" && alarm.cleared ? "Not answered" : word);
     element.kind.className = `chip ${role}`;
     setText(element.text, this.cell.withLabels(alarm.text));
     const seen = alarm.acknowledged;

@@ -58,6 +58,8 @@ export async function readPicture(path, tag) {
 
 // Ids of elements in a text.
 const ID = /[\w.]+:[\w.]+-\d+/g;
+// Prefixes of other names, such as those of relations.
+const PREFIX = /(?<![\w./:-])[A-Za-z]\w*:(?=[A-Za-z]\w*\b(?!-\d))/g;
 
 // A viewer without data for this time (s) is not connected, whatever the browser says: beats come once a second.
 const SILENCE = 3;
@@ -107,7 +109,7 @@ export class Cell extends EventTarget {
 
   // A text for people: with the names of the elements in it.
   withLabels(text, elements = this.document?.elements) {
-    return text.replace(ID, (id) => (elements?.[id] ? this.label(id, elements) : id));
+    return text.replace(PREFIX, "").replace(ID, (id) => (elements?.[id] ? this.label(id, elements) : id));
   }
 
   // The name of an element for a decision: with the id if others have the same label.
@@ -120,7 +122,7 @@ export class Cell extends EventTarget {
 
   // A text for a decision, with such names.
   withNames(text) {
-    return text.replace(ID, (id) => (this.document.elements[id] ? this.name(id) : id));
+    return text.replace(PREFIX, "").replace(ID, (id) => (this.document.elements[id] ? this.name(id) : id));
   }
 
   async connect() {

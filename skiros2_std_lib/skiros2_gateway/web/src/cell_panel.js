@@ -38,7 +38,7 @@ export class CellPanel {
     this.now = h("div", {}, this.lost,
       h("header", {}, h("h2", {}, "Robots"), h("button", { class: "small", id: "figures", onclick: () => openFigures(cell) }, "Figures")), this.robots,
       h("header", {}, h("h2", {}, "Jobs"), h("span", { class: "grow" }),
-        h("button", { class: "small", id: "all-jobs", onclick: () => openJobs(cell) }, "Find"), this.newJob), this.jobs, this.hidden);
+        h("button", { class: "small", id: "all-jobs", onclick: () => openJobs(cell) }, "All jobs"), this.newJob), this.jobs, this.hidden);
     panel.append(
       this.now,
       h("header", {}, this.runsTitle, this.bagsBack), this.runs,
@@ -172,7 +172,7 @@ export class CellPanel {
     const style = this.cell.styles.task[summary.state];
     const took = duration((summary.end ?? this.cell.now) - summary.start);
     fill(element, style.role, summary.name, `${style.symbol} ${summary.state}`,
-      `${clock(summary.start)}, ${took}, ${robotOf(summary)}`);
+      `${clock(summary.start)}, ${took}${robotOf(summary)}`);
     element.classList.toggle("selected", key === this.run.key);
   }
 
@@ -206,8 +206,8 @@ export class CellPanel {
   }
 }
 
-// The robot of a run; a goal may have several.
-export const robotOf = ({ robot }) => (robot === GOALS ? "goal" : robot.slice(1));
+// The robot of a run, after a comma; a goal may have several.
+export const robotOf = ({ robot }) => (robot === GOALS ? "" : `, ${robot.slice(1)}`);
 
 // Running jobs first, then the queue in its order, then the ended ones, the newest first.
 function compareJobs(a, b) {
@@ -239,6 +239,7 @@ function fill(element, role, title, word, detail, whole = detail) {
   setText(element.title2, title);
   setText(element.chip, word);
   setText(element.detail, detail);
+  element.title2.title = title;
   element.detail.title = whole;
   element.chip.className = `chip ${role}`;
 }

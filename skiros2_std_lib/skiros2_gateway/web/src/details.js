@@ -45,7 +45,7 @@ export class RunBar {
     this.chip.className = `chip ${style.role}`;
     setText(this.chip, `${style.symbol} ${state}`);
     setText(this.name, summary.name);
-    setText(this.times, `${robotOf(summary)}, since ${clock(summary.start)}`);
+    setText(this.times, `since ${clock(summary.start)}${robotOf(summary)}`);
     const total = (summary.end ?? cell.now) - summary.start;
     this.slider.max = total;
     if (document.activeElement !== this.slider || run.time === null) this.slider.value = run.elapsed;
@@ -125,9 +125,9 @@ export class NodeDetails {
     const { shape, rows } = run.tree;
     const [state, code, began, ended, message] = rows[index];
     const style = cell.styles.node[state] ?? { symbol: "?", word: "unknown", role: "changed" };
-    setText(this.title, shape.names[index]);
+    setText(this.title, run.nodeName(index));
     const facts = [["State", `${style.symbol} ${style.word}`], ["Type", shape.types[index]],
-      ["Processor", shape.processors[index]], ["Message", message], ["Code", code || ""],
+      ["Processor", shape.processors[index]], ["Message", cell.withLabels(message, run.shownScene.elements)], ["Code", code || ""],
       ["Started", began >= 0 ? `${clock(run.summary.start + began)}, after ${duration(began)}` : ""],
       ["Ran for", began >= 0 ? duration((ended >= 0 ? ended : run.elapsed) - began) : ""]];
     showFacts(this.facts, facts.filter(([, value]) => value !== ""));
@@ -197,8 +197,9 @@ export class LogView {
       const style = this.cell.styles.node[line.state] ?? { symbol: "?", role: "changed" };
       item.className = style.role;
       setText(item.children[0], duration(Math.max(0, line.time - run.summary.start)));
-      setText(item.children[1], `${style.symbol} ${line.name}`);
-      setText(item.children[2], line.message);
+      const index = run.tree?.shape.ids.indexOf(line.node) ?? -1;
+      setText(item.children[1], `${style.symbol} ${index < 0 ? line.name : run.nodeName(index)}`);
+      setText(item.children[2], this.cell.withLabels(line.message, run.shownScene.elements));
     });
   }
 }

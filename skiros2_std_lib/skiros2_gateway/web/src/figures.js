@@ -34,12 +34,14 @@ export function openFigures(cell) {
 
   async function read() {
     const number = ++asked;
+    content.replaceChildren(h("p", { class: "dim" }, "Reading…"));
     const begin = Number(period.value) ? cell.now - HOUR * Number(period.value) : 0;
     const query = `begin=${Math.max(0, begin).toFixed(0)}`;
-    await notify(request(`/api/figures?${query}`).then((found) => {
+    const isRead = await notify(request(`/api/figures?${query}`).then((found) => {
       if (number === asked) content.replaceChildren(...Object.keys(CHARTS).map((name) => chart(name, found, query, cell.now)),
         ...Object.keys(TABLES).map((name) => table(name, found[name], query)));
     }));
+    if (!isRead) content.replaceChildren(h("p", { class: "dim" }, "The figures could not be read."));
   }
   openDialog("figures-view", "Figures", h("div", { class: "top" }, h("h2", {}, "Figures"), period), content);
   read();

@@ -11,9 +11,9 @@ const OWN_GOAL = "";
 const PLAN_LIMIT = 120;
 
 export async function openJobDialog(cell) {
-  if (document.querySelector("dialog.job")) return;
   let masters;
   if (!(await notify(request("/api/work_masters").then((answer) => (masters = answer.work_masters))))) return;
+  if (document.querySelector("dialog.job")) return; // of an earlier click
   const choice = h("select", { id: "work-master" },
     masters.map((master) => h("option", { value: master.id }, master.description || master.id.replaceAll("_", " "))),
     h("option", { value: OWN_GOAL }, "A goal…"));

@@ -2,9 +2,14 @@
 
 const ROLES = { Running: "running", Interrupted: "paused", Ended: "success", Aborted: "failure" };
 const WORDS = { NotAllowedToStart: "stored", AllowedToStart: "queued", Running: "running", Interrupted: "interrupted" };
+const EVENTS = { Store: "stored", StoreAndStart: "ordered", Start: "may start", RevokeStart: "may not start yet", Update: "changed",
+  loaded: "is next", accepted: "started", collected: "results collected" };
 const REACHED = new Set(["", "succeeded", "nothing_to_do"]);
 
 export const hasFailed = ({ state, response }) => response.outcome !== "cancelled" && (state === "Aborted" || !REACHED.has(response.outcome));
+
+// What has happened to a job, of its history.
+export const eventWord = (method) => EVENTS[method] ?? method.toLowerCase();
 
 export function jobTitle(cell, { id, order, goal }) {
   if (order.description) return order.description;

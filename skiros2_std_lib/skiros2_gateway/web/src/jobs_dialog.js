@@ -3,7 +3,7 @@
 import { notify, request } from "./cell.js";
 import { openDialog } from "./dialogs.js";
 import { duration, h, localName, moment, setText } from "./dom.js";
-import { goalTitle, jobRole, jobTitle, jobWord } from "./job_words.js";
+import { eventWord, goalTitle, jobRole, jobTitle, jobWord } from "./job_words.js";
 
 const PAGE = 50;
 // How long typing rests before the list is read again (ms).
@@ -23,17 +23,18 @@ export function openJobs(cell) {
   const period = h("select", { "aria-label": "Period" }, Object.entries(PERIODS).map(([days, word]) => h("option", { value: days, selected: days === "7" }, word)));
   const list = h("div", { class: "list" });
   const note = h("p", { class: "dim", role: "status" });
-  const more = h("button", { type: "button", id: "more-jobs", onclick: () => read(after) }, "More");
+  const more = h("button", { type: "button", id: "more-jobs", hidden: true, onclick: () => read(after) }, "More");
   let after = null;
   let asked = 0;
   let timer = 0;
 
   async function read(from = null) {
     const number = ++asked;
+    setText(note, "Reading…");
     const begin = Number(period.value) ? `&begin=${cell.now - DAY * Number(period.value)}` : "";
     const page = from === null ? "" : `&after=${from}`;
     const query = `cleared=true&limit=${PAGE}${page}${begin}${FILTERS[filter.value][1]}&text=${encodeURIComponent(text.value)}`;
-    await notify(request(`/api/jobs?${query}`).then(({ jobs, next }) => {
+    const isRead = await notify(request(`/api/jobs?${query}`).then(({ jobs, next }) => {
       if (number !== asked) return; // another filter was chosen meanwhile
       if (from === null) list.replaceChildren();
       list.append(...jobs.map((job) => row(cell, job)));
@@ -41,6 +42,7 @@ export function openJobs(cell) {
       more.hidden = next === null;
       setText(note, list.childElementCount ? "" : "No such jobs.");
     }));
+    if (!isRead) setText(note, "The list could not be read.");
   }
   for (const input of [filter, period]) input.addEventListener("change", () => read());
   text.addEventListener("input", () => {
@@ -81,12 +83,12 @@ export async function openJob(cell, id) {
       ["Robots", response.robots.map((robot) => robot.slice(1)).join(", ")], ["Created by", job.author], ["Created", time(job.created)],
       ["Started", time(response.started)], ["Ended", time(response.ended)],
       ["Took", response.started && response.ended ? duration(response.ended - response.started) : ""],
-      ...Object.entries(response.quality).map(([name, value]) => [name, value === null ? "unknown" : String(value)])]),
+      ...Object.entries(response.quality).map(([name, value]) => [name.replace(/\.[\w-]*:/, ": "), value === null ? "unknown" : String(value)])]),
     list("Plan", "ol", response.plan.map((step) => [h("b", {}, step.label), " ", Object.values(step.arguments).map((each) => cell.label(each)).join(", "),
       h("span", { class: "dim" }, ` ${step.robot.slice(1)} ${states[step.number]?.state ?? ""}`),
       states[step.number]?.message && h("div", { class: "dim" }, cell.withLabels(states[step.number].message))])),
     list("Notes", "ul", response.notes),
-    list("History", "ul", history.map((entry) => [h("span", { class: "dim" }, `${time(entry.time)} `), entry.method, " ",
+    list("History", "ul", history.map((entry) => [h("span", { class: "dim" }, `${time(entry.time)} `), eventWord(entry.method), " ",
       h("span", { class: "dim" }, `${entry.author}${entry.comment ? `: ${entry.comment}` : ""}`)])),
     list("Changes", "ul", response.changes.flatMap(change)));
 }

@@ -40,7 +40,7 @@ const views = [
   [approvals.button, approvals],
   [panelOf("cell"), new CellPanel(panelOf("cell"), cell, run, selection)],
   [document.getElementById("run-bar"), new RunBar(document.getElementById("run-bar"), cell, run)],
-  [panelOf("tree"), new TreeView(panelOf("tree"), run, () => cell.styles)],
+  [panelOf("tree"), new TreeView(panelOf("tree"), cell, run)],
   [panelOf("tree"), new NodeDetails(panelOf("tree"), cell, run)],
   [panelOf("plan"), new PlanView(panelOf("plan"), cell, run)],
   [panelOf("log"), new LogView(panelOf("log"), cell, run)],
@@ -77,6 +77,8 @@ let isLoading = false;
 async function showScene() {
   if (isLoading || panelOf("scene").offsetParent === null || !cell.document) return;
   isLoading = true;
+  const note = h("p", { class: "empty" }, "Loading the 3D view…");
+  panelOf("scene").append(note);
   try {
     const { Scene } = await import("./scene.js");
     scene = new Scene(panelOf("scene"), cell, run, selection);
@@ -85,6 +87,8 @@ async function showScene() {
     panelOf("scene").append(h("button", { class: "small fit", onclick: () => scene.fit() }, "Show all"));
   } catch (error) {
     panelOf("scene").append(h("p", { class: "empty" }, `No 3D view: ${error.message}`));
+  } finally {
+    note.remove();
   }
 }
 

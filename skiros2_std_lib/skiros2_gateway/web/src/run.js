@@ -63,6 +63,14 @@ export class ShownRun extends EventTarget {
     return this.tree ? this.tree.shape.ids.indexOf(this.node) : -1;
   }
 
+  // The name of a node for people: a task's number says nothing. The details have type and processor.
+  nodeName(index) {
+    if (!index && this.summary) return this.summary.name;
+    const { names, processors } = this.tree.shape;
+    const symbol = ` ${processors[index]}`; // of control-flow nodes: parallel |fs|
+    return symbol !== " " && names[index].endsWith(symbol) ? names[index].slice(0, -symbol.length) : names[index];
+  }
+
   select(key, time = null) {
     const isOther = key !== this.key;
     if (isOther) [this.node, this.#history] = [null, null];

@@ -46,7 +46,7 @@ export class SignalsView {
     const shown = this.#ofRobot(signals);
     this.empty.hidden = shown.length > 0;
     setText(this.empty, Object.keys(signals).length ? `${localName(this.selection.robot.slice(1))} has no signals.`
-      : "The scene has no signals. Elements of the class skiros:Signal name them.");
+      : "The cell has no signals.");
     keyed(this.list, shown, ([id]) => id, makeChart, (chart, [id, signal]) => {
       setText(chart.name, this.cell.label(id, this.run.shownScene.elements));
       const samples = isBag ? signal.samples : (this.#samples.get(id) ?? []);

@@ -2,7 +2,6 @@
 
 import { duration, h, localName, setText } from "./dom.js";
 
-const SUCCESS = 1;
 const RUNNING = 3;
 const MARGIN = 6; // rows above and below the visible part
 const MANY = 300; // nodes; larger trees are shown with idle and ended parts collapsed
@@ -17,9 +16,9 @@ export class TreeView {
   #lastRunning = -1;
   #children = { shape: null, lists: [] };
 
-  constructor(panel, run, styles) {
+  constructor(panel, cell, run) {
+    this.cell = cell;
     this.run = run;
-    this.styles = styles;
     this.follow = h("input", { type: "checkbox", checked: true });
     this.filter = h("input", { type: "search", placeholder: "Find a node", "aria-label": "Find a node" });
     this.count = h("span", { class: "dim grow" });
@@ -98,8 +97,8 @@ export class TreeView {
   }
 
   #matches({ shape, rows }, index, text) {
-    const state = this.styles().node[rows[index][0]]?.word ?? "";
-    return `${this.#name(shape, index)} ${shape.types[index]} ${state} ${rows[index][4]}`.toLowerCase().includes(text);
+    const state = this.cell.styles.node[rows[index][0]]?.word ?? "";
+    return `${this.run.nodeName(index)} ${shape.types[index]} ${state} ${rows[index][4]}`.toLowerCase().includes(text);
   }
 
   #scrollToRunning(tree) {
@@ -137,7 +136,7 @@ export class TreeView {
     const index = this.#rows[position];
     const { shape, rows } = tree;
     const [state, , began, ended, message] = rows[index];
-    const style = this.styles().node[state] ?? { symbol: "?", role: "changed", word: "" };
+    const style = this.cell.styles.node[state] ?? { symbol: "?", role: "changed", word: "" };
     const isParent = this.#childrenOf(shape)[index].length > 0;
     const isOpen = isParent && !this.#isCollapsed(tree, index, this.depths[position]);
     const isGroup = index > 0 && !shape.types[index].includes(":");
@@ -150,18 +149,11 @@ export class TreeView {
     setText(row.twist, isParent ? (isOpen ? "▾" : "▸") : "");
     setText(row.symbol, style.symbol);
     row.symbol.title = style.word;
-    setText(row.name, this.#name(shape, index));
+    setText(row.name, this.run.nodeName(index));
     const type = index && !isGroup && !shape.types[index].startsWith(":") ? localName(shape.types[index]) : "";
     setText(row.type, plain(type) === plain(shape.names[index]) ? "" : type);
     setText(row.time, began >= 0 ? duration((ended >= 0 ? ended : Math.max(this.run.elapsed, began)) - began) : "");
-    setText(row.message, state === SUCCESS && !message ? "" : message);
-  }
-
-  // The name of a node for people: a task's number says nothing. The details have type and processor.
-  #name(shape, index) {
-    if (!index && this.run.summary) return this.run.summary.name;
-    const symbol = ` ${shape.processors[index]}`; // of control-flow nodes: parallel |fs|
-    return symbol !== " " && shape.names[index].endsWith(symbol) ? shape.names[index].slice(0, -symbol.length) : shape.names[index];
+    setText(row.message, this.cell.withLabels(message, this.run.shownScene.elements));
   }
 
   #click(event) {

@@ -162,7 +162,7 @@ class CellDocument:
     def mark_lost(self, robot: str) -> None:
         """Marks the running tasks of a manager as lost; of `GOALS`: of the task manager."""
         lost = tuple(self.running(robot))
-        self.runs.mark_lost(robot)
+        self.runs.mark_lost(robot, may_return=robot == GOALS)
         if lost:
             self._publish(RunsLost(lost))
 

@@ -130,7 +130,8 @@ class GoalRuns:
         if known is None:
             for goal in self._goals.values():
                 for step in goal.steps.values():
-                    if step.run is None and step.state.get("task") == run.task_id and self._is_on(step, run.robot):
+                    is_open = step.run is None or step.run.is_lost  # its manager was only silent, and has returned
+                    if is_open and step.state.get("task") == run.task_id and self._is_on(step, run.robot):
                         step.run = run
                         known = self._steps[run] = goal, step
         return self._record(known[0], time) if known is not None else None

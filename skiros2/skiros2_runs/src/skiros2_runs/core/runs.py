@@ -58,15 +58,18 @@ class Runs:
         self._make_room(run)
         return recorded
 
-    def mark_lost(self, robot: str) -> None:
-        """Marks the running tasks of a manager that has disconnected as lost; later tasks with their ids are
-        new ones.
+    def mark_lost(self, robot: str, *, may_return: bool = False) -> None:
+        """Marks the running tasks of a manager that has disconnected as lost.
+
+        :param may_return: they continue with their next message, as ids are not used again. Otherwise later tasks
+            with their ids are new ones.
         """
         self._heard_since.pop(robot, None)
         for run in self._runs:
             if run.robot == robot:
                 run.is_lost = run.is_lost or not run.latest.has_ended
-                self._current.pop((robot, run.task_id), None)
+                if not may_return:
+                    self._current.pop((robot, run.task_id), None)
 
     def clear_ended(self) -> None:
         """Removes the tasks that have ended."""

@@ -442,7 +442,7 @@ class ExecutionStateMachine:
             if not step.after & unfinished and self._broken_since is None:
                 record = self.records[step.number]
                 record.state, record.started = StepState.RUNNING, self.clock()
-                self.message = f"{step} is started"
+                self.message = f"{step.name}, is started"
                 commands.append(Start(step))
         if not self.running and not self.waiting:
             self.phase = Phase.CHECKING

@@ -13,12 +13,13 @@ from skiros2_common.core.conditions import ConditionBase, condition_from
 from skiros2_common.core.json_data import JsonData
 from skiros2_common.core.operations import Change
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
-from skiros2_common.core.wording import visible
+from skiros2_common.core.wording import verb, visible, words
 from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_task.core.actions import ROBOT_KEY
 from skiros2_task.core.conditions import condition_of
 from skiros2_task.core.formula import Atom, Formula, Kind, fold
+from skiros2_task.core.goal_sentence import NameOf
 from skiros2_task.core.plan import Plan, SkillCall, Step
 from skiros2_task.core.skills import Skill, SkillCondition, SkillParameter
 from skiros2_task.core.task import PlanningTask, PlanStep
@@ -52,6 +53,22 @@ class FactChange:
         """
         parts = (_named(self.element, labels), self.name, _named(self.value, labels))
         return visible(f"{'+' if self.state else '-'} {' '.join(part for part in parts if part)}")
+
+
+def change_sentences(changes: Iterable[FactChange], name_of: NameOf) -> Iterator[str]:
+    """Yields changes as sentences: "Tray B contains Product A", "state of Tray B is Full (was Empty)"."""
+    values: dict[tuple[str, str], dict[bool, list[str]]] = {}
+    for change in changes:
+        if not change.name:
+            yield f"{name_of(change.element)} {'is created' if change.state else 'is removed'}"
+        elif change.is_relation:
+            yield f"{name_of(change.element)} {verb(change.name, change.state, has_ended=True)} {name_of(change.value)}"
+        else:
+            values.setdefault((change.element, change.name), {True: [], False: []})[change.state].append(change.value)
+    for (eid, key), of in values.items():
+        now, before = ", ".join(of[True]), ", ".join(of[False])
+        was = f" (was {before})" if now and before else ""
+        yield f"{words(key)} of {name_of(eid)} is {now or f'no longer {before}'}{was}"
 
 
 @dataclass

@@ -7,11 +7,12 @@ from typing import Any
 
 from skiros2_common.core.errors import Refused
 from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.wording import visible
 from skiros2_gateway.core.approvals import Request
 from skiros2_gateway.core.job import Order
 from skiros2_gateway.core.job_control import JobControl
 from skiros2_task.core.actions import ROBOT_KEY
-from skiros2_task.core.preview import Preview
+from skiros2_task.core.preview import Preview, change_sentences
 
 #: The states of a plan that may be executed.
 _VALID = ("planned", "nothing_to_do")
@@ -33,7 +34,8 @@ async def valid_plan(control: JobControl, order: Order, reason: str = "") -> Req
         raise Refused(f"the plan uses {', '.join(others)}, allowed are {', '.join(allowed)}")
     runs = {"order": order.model_dump(mode="json"), "goal": goal, "plan": plan["plan"]}
     preview = Preview.from_dict(plan["preview"]) if plan["preview"] else Preview([], True)
-    changes = [change.line(preview.labels) for step in preview.steps for change in step.changes]
+    # with ids: a label may be misleading
+    changes = [visible(text) for step in preview.steps for text in change_sentences(step.changes, str)]
     return Request(runs, {"changes": changes, "preview": plan["preview"]}, robots, reason)
 
 

@@ -61,7 +61,8 @@ def _found(document: Mapping[str, Any]) -> Iterator[tuple[str, str, str, float]]
             text = robot["state"].replace("_", " ") + (f": {robot['reason']}" if robot["reason"] else "")
             yield "robot", robot["name"], text, robot["since"]
     for approval_id, approval in document["approvals"].items():
-        yield "approval", approval_id, f"{approval['user']} asks for an approval", approval["created"]
+        text = f"{approval['user']} asks for an approval" + (f": {approval['title']}" if approval["title"] else "")
+        yield "approval", approval_id, text, approval["created"]
 
 
 class Alarms:

@@ -83,7 +83,8 @@ def _state(cell: OtherCell) -> dict[str, Any]:
         found["alarms"] = sum(not alarm.get("acknowledged") for alarm in alarms)
         found["is_up"] = True
     except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
-        found["text"] = str(getattr(error, "reason", error))[:200] or "it does not answer"
+        reason = getattr(error, "reason", error)
+        found["text"] = str(getattr(reason, "strerror", "") or reason)[:200] or "it does not answer"
     return found
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from skiros2_common.core.errors import Refused, TimedOut, UnknownName
 from skiros2_common.core.manager_names import matching_name
+from skiros2_common.core.wording import visible
 from skiros2_common.core.world_element import Element
 from skiros2_gateway.core.deadline import remaining
 from skiros2_msgs.msg import SkillProgress
@@ -20,7 +21,7 @@ from skiros2_skill.client.skill_goal import SkillGoal
 from skiros2_skill.command_line.assignments import read_steps
 from skiros2_skill.command_line.queries import World
 from skiros2_skill.core.start_preview import StartPreview
-from skiros2_task.core.preview import preview_skill
+from skiros2_task.core.preview import change_sentences, preview_skill
 from skiros2_task.core.skills import read_robots
 from skiros2_world_model.core.preview_copy import PreviewCopy
 from skiros2_world_model.core.world_model_client import WorldModelClient
@@ -138,7 +139,7 @@ def expected_changes(manager: str, wm: WorldModelClient, preview: StartPreview) 
     new = {element.id: f"new {element.type} {number}" for number, element in enumerate(made, 1)}
     changes = [change for step in expected.steps for change in step.changes]
     named = [replace(c, element=new.get(c.element, c.element), value=new.get(c.value, c.value)) for c in changes]
-    return [change.line(expected.labels) for change in named]
+    return [visible(text) for text in change_sentences(named, str)]
 
 
 def _argument(values: list[Any]) -> Any:

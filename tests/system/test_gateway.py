@@ -222,8 +222,8 @@ def test_certificate_encrypts_rest_and_opcua(cell: JobCell) -> None:
     folder.mkdir()
     certificate, key = make_certificate(folder, "gateway", "urn:skiros2:gateway")
     mine = make_certificate(folder, "mes", "urn:mes")
-    (folder / "opcua/trusted").mkdir(parents=True)
-    shutil.copy(mine[0], folder / "opcua/trusted")
+    (folder / "opcua/trusted/certs").mkdir(parents=True)
+    shutil.copy(mine[0], folder / "opcua/trusted/certs")
     settings = {"certificate": str(certificate), "key": str(key), "opcua_port": 0, "users": str(cell.users)}
     secured = cell.start_gateway("secured", folder=str(folder), **settings)
     address = cell.parameter("/secured/address")

@@ -19,7 +19,7 @@ PROVIDER = "JobResponseProvider"
 
 def test_node_opcua_runs_the_life_of_job_orders(in_server: Callable[..., None], tmp_path: Path) -> None:
     async def test(gateway: Any) -> None:
-        trusted = gateway.path.parent / "opcua/trusted"
+        trusted = gateway.path.parent / "opcua/trusted/certs"
         async with node_opcua(gateway.address, tmp_path, "operate", TOKENS["operate"], trusted) as mes:
 
             async def shown(job_id: str) -> list[str]:

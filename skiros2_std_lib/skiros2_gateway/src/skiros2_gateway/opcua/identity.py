@@ -69,7 +69,7 @@ async def own_certificate(settings: Settings, cell: str) -> Identity:
         raise ConfigurationError(f"certificate {certificate}, key {key}: {error}") from error
     if made.public_key() != private.public_key():
         raise ConfigurationError(f"certificate {certificate}, key {key}: the key is of another certificate")
-    return Identity(next(iter(_uris(made)), uri), made, private)
+    return Identity(next(iter(application_uris(made)), uri), made, private)
 
 
 def read_certificate(file: Path) -> x509.Certificate:
@@ -81,7 +81,17 @@ def read_certificate(file: Path) -> x509.Certificate:
     return x509.load_pem_x509_certificate(content) if _PEM in content else x509.load_der_x509_certificate(content)
 
 
-def _uris(certificate: x509.Certificate) -> list[str]:
+def read_crl(file: Path) -> x509.CertificateRevocationList:
+    """Reads a list of revoked certificates, PEM or DER, whatever the file's name.
+
+    :raises OSError, ValueError: it cannot be read.
+    """
+    content = file.read_bytes()
+    return x509.load_pem_x509_crl(content) if _PEM in content else x509.load_der_x509_crl(content)
+
+
+def application_uris(certificate: x509.Certificate) -> list[str]:
+    """Returns the URIs in a certificate; that of an authority has none."""
     try:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except x509.ExtensionNotFound:

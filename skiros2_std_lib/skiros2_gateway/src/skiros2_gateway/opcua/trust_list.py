@@ -18,7 +18,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.x509.oid import NameOID
 
-from skiros2_gateway.opcua.identity import read_certificate
+from skiros2_gateway.opcua.authorities import Authorities
 
 log = logging.getLogger(__name__)
 
@@ -68,13 +68,14 @@ def is_channel_accepted() -> bool:
 class TrustList:
     """asyncua's validator of client certificates.
 
-    :param folder: gets the folders `trusted` and `rejected`. A person accepts a certificate by moving its file.
+    :param folder: gets the folder `rejected`, and those of `Authorities`. A person accepts a certificate by moving its
+        file to `trusted/certs`.
     """
 
     def __init__(self, folder: Path) -> None:
-        self.trusted, self.rejected = folder / "trusted", folder / "rejected"
-        for each in (self.trusted, self.rejected):
-            each.mkdir(parents=True, exist_ok=True)
+        self._authorities = Authorities(folder)
+        self.trusted, self.rejected = self._authorities.trusted, folder / "rejected"
+        self.rejected.mkdir(exist_ok=True)
         self._validator = CertificateValidator()  # dates, and the application's URI
 
     async def __call__(self, certificate: x509.Certificate, client: ua.ApplicationDescription) -> None:
@@ -90,8 +91,7 @@ class TrustList:
                 certificate = channel.certificate
                 raise ServiceError(ua.StatusCodes.BadCertificateInvalid)
             await self._validator.validate(certificate, client)
-            if not self._is_trusted(certificate):
-                raise ServiceError(ua.StatusCodes.BadCertificateUntrusted)
+            self._authorities.check(certificate)
             channel.is_accepted = True
         except ServiceError as error:
             status = ua.status_codes.get_name_and_doc(error.code)[0]
@@ -100,17 +100,6 @@ class TrustList:
                 client.ApplicationUri, status, self._keep(certificate), self.trusted,
             )  # fmt: skip
             raise
-
-    def _is_trusted(self, certificate: x509.Certificate) -> bool:
-        for file in sorted(self.trusted.iterdir()):
-            try:
-                known = read_certificate(file)
-            except (OSError, ValueError) as error:
-                log.warning("OPC UA: %s is no certificate: %s", file, error)
-                continue
-            if known == certificate:
-                return True
-        return False
 
     def _keep(self, certificate: x509.Certificate) -> Path:
         """Keeps a rejected certificate; the oldest ones give way. Returns its file."""

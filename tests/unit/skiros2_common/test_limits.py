@@ -100,7 +100,7 @@ def test_redefined_parameter_has_its_own_limits():
 
 def test_copies_of_a_parameter_have_its_limits():
     speed = Drive().params["Speed"]
-    assert speed.clone().limits == speed.at_default().limits == speed.limits
+    assert speed.clone().limits == speed.with_values([1.0]).limits == speed.limits
 
 
 def test_world_model_element_has_unit_limits_and_choices():

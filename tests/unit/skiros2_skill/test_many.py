@@ -1,6 +1,7 @@
 """Many tasks, many nodes, deep and wide trees: all of them end, and nothing of them stays."""
 
 import gc
+import sys
 import threading
 import time
 from collections import Counter
@@ -9,8 +10,9 @@ import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_skill.core.runtime.scheduler import Scheduler
+from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.skill import ParallelFf, Skill, SkillBase
-from unit.skiros2_skill.skills import OBJECT, OPTIONAL, Work, describe, primitive, running_for
+from unit.skiros2_skill.skills import INFERRED, OBJECT, OPTIONAL, Take, Work, describe, primitive, running_for
 
 Say = describe("Say", [("Text", "words", OPTIONAL), OBJECT])
 
@@ -86,6 +88,27 @@ def test_ten_thousand_parallel_nodes_are_preempted(scheduler, bench):
     assert task.ended.wait(60)
     assert {child.state for child in group.children} == {State.Failure}
     assert not bench.library.by_label("work").busy
+
+
+def test_skill_that_ends_in_the_tick_of_its_start_takes_few_calls(bench):
+    """With three elements and a pre-condition. Counted, not timed: the load of the machine does not matter."""
+    bench.load(primitive(Take, "take"))
+
+    def calls(number):
+        task = Task(0, bench.wmi)
+        task.root.params.addParam("Robot", bench.robot, INFERRED)
+        task.root(*(bench.node("take", Container=bench.tray, Object=bench.product) for _ in range(number)))
+        events = []
+        sys.setprofile(lambda frame, event, argument: events.append(event))
+        try:
+            state = task.tick()
+        finally:
+            sys.setprofile(None)
+        assert state is State.Success
+        return events.count("call")
+
+    calls(1)
+    assert (calls(20) - calls(10)) / 10 <= 230
 
 
 def test_nodes_of_ended_tasks_are_freed(scheduler, bench):

@@ -44,17 +44,17 @@ class SkillCore(SkillDescription):
     #: Shared by all skills, because few are waited for.
     _state_change = threading.Condition()
 
+    _waiting = 0  # threads in `waitState`
+    _id = -1
+    _expand_on_start = False
+    _progress_code, _progress_msg, _progress_period = 0, "", 0.0
+    _started_at = progressed_at = 0.0
+
     def __init__(self) -> None:
         super().__init__()
         self._description: SkillDescription = SkillDescription()
         self._state = State.Uninitialized
-        self._waiting = 0  # threads in `waitState`
-        self._id = -1
         self._children: list[Any] = []
-        self._expand_on_start = False
-        self._progress_code, self._progress_msg, self._progress_period = 0, "", 0.0
-        self._started_at = 0.0
-        self.progressed_at = 0.0
 
     @property
     def skill_description(self) -> SkillDescription:

@@ -37,8 +37,8 @@ class _OfParameters:
         self._checked: dict[str, Any] = {}  # key -> its value at the last evaluation
 
     def _remember(self, key: str, ph: ParamHandler) -> None:
-        param = ph.getParamMap().get(key)
-        self._checked[key] = param.value if param is not None else None
+        param = ph._params.get(key)
+        self._checked[key] = param.current[0] if param is not None and param.current else None
 
     def _name(self, key: str) -> str:
         value = self._checked.get(key, key)
@@ -51,10 +51,10 @@ class _OfParameters:
 
         :raises UnknownName: the skill has no such parameter.
         """
-        param = ph.getParamMap().get(key)
+        param = ph._params.get(key)
         if param is None:
             raise UnknownName(f"condition {self._label!r} uses {key!r}; the skill has: {', '.join(ph.keys())}")
-        return param.value
+        return param.current[0] if param.current else None
 
     def _element(self, key: str, ph: ParamHandler, wmi: WorldModelPort) -> Element | None:
         """The element in a parameter; None if the parameter is unset or the world model no longer has the element.

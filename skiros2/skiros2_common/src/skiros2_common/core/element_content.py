@@ -115,7 +115,8 @@ class ElementContent:
         self._original: _Original | None = None
         self._own_keys: frozenset[str] | None = None  # None: the element owns all properties
         self._owns_relations = True
-        self._version = -1
+        #: The revision of the element in the world model when it was read; -1 if it was not read from one.
+        self.version = -1
         #: The time of the last change in the world model (s since the epoch); 0.0: unknown.
         self.last_update = 0.0
 
@@ -138,12 +139,14 @@ class ElementContent:
         properties: dict[str, Property],
         relations: Sequence[RelationDict],
         version: int = 0,
+        original: _Original | None = None,
     ) -> Self:
         """An element over content that belongs to the caller and is copied on write.
 
         :param properties: by key; the element never changes the dict or its properties.
         :param relations: relation dicts, which the element never changes either.
         :param version: the revision of the element in the world model.
+        :param original: all that as the original of another element, if there is one.
         """
         element = cls.__new__(cls)  # faster than __init__: each read creates one
         element._type = etype
@@ -152,17 +155,12 @@ class ElementContent:
         element._props = properties
         element._rels = relations
         element._local_relations = []
-        element._original = _new(_Original, (etype, label, properties, relations))
+        element._original = original or _new(_Original, (etype, label, properties, relations))
         element._own_keys = _NO_KEYS
         element._owns_relations = False
-        element._version = version
+        element.version = version
         element.last_update = 0.0
         return element
-
-    @property
-    def version(self) -> int:
-        """The revision of the element in the world model when it was read; -1 if it was not read from one."""
-        return self._version
 
     @property
     def property_view(self) -> dict[str, Property]:
@@ -239,16 +237,15 @@ class ElementContent:
 
     def view(self) -> Self:
         """A new element that shares this one's content, copied on write; its `changes` start from here."""
-        return self.shared(self._type, self._label, self._id, self._props, self._rels, self._version)
+        return self.shared(self._type, self._label, self._id, self._props, self._rels, self.version)
 
     def as_read(self) -> Self:
         """A view of the content that a world model has returned, without the changes since; of its own, if none has."""
-        if self._original is None:
+        original = self._original
+        if original is None:
             return self.view()
-        return self.shared(
-            self._original.type, self._original.label, self._id, self._original.properties, self._original.relations,
-            self._version,
-        )  # fmt: skip
+        etype, label, properties, relations = original
+        return self.shared(etype, label, self._id, properties, relations, self.version, original)
 
     def copy(self) -> Self:
         """A copy that shares no mutable data."""
@@ -258,7 +255,7 @@ class ElementContent:
         copy._rels = [r.copy() for r in self._rels]
         copy._local_relations = list(self._local_relations)
         copy._original = self._original
-        copy._version = self._version
+        copy.version = self.version
         copy.last_update = self.last_update
         return copy
 

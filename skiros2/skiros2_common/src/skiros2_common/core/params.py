@@ -111,7 +111,8 @@ class Param(Property):
 
     def is_bound(self) -> bool:
         """Whether it has a value that is not an abstract element."""
-        return bool(self.current) and not _is_abstract(self.current[0])
+        values = self.current
+        return bool(values) and not (isinstance(values[0], Element) and values[0].isAbstract())
 
     def hasSpecifiedDefault(self) -> bool:
         """Whether it has a default; an abstract element counts."""
@@ -152,19 +153,15 @@ class Param(Property):
 
     def setDefault(self) -> None:
         """Sets the values to a copy of the default."""
-        self._set(self._new_default())
+        self._set(self.new_default())
 
-    def _new_default(self) -> list[Any]:
-        # A copy, because the skill may change an abstract element or a dict in place.
+    def new_default(self) -> list[Any]:
+        """The default values: copies, because the skill may change an abstract element or a dict in place."""
         return [_copied(v) for v in self.defaults]
 
     def clone(self) -> Param:
         """A copy with its own value list (the values themselves are shared)."""
         return self.with_values(list(self.current))
-
-    def at_default(self) -> Param:
-        """A copy with the default values."""
-        return self.with_values(self._new_default())
 
     def with_values(self, values: list[Any]) -> Param:
         """A copy with these values: the list itself, unchecked."""

@@ -310,6 +310,8 @@ class Property:
 
     def checked_or_log(self, values: list[Any]) -> list[Any] | None:
         """Same as `checked`; values of another type are logged and give None."""
+        if len(values) == 1 and type(values[0]) is self._data_type:
+            return values
         try:
             if self._data_type is int and bool in map(type, values):  # Python's bool is a subclass of int
                 values = [int(v) if type(v) is bool else v for v in values]

@@ -85,9 +85,10 @@ class ConditionRelation(ConditionBase):
         return (self._subject_key, self.relation, self._object_key)
 
     def holds(self, ph: ParamHandler, wmi: WorldModelPort) -> bool:
-        # For a stored relation, only the ids matter: a removed element has no relations.
-        read = self._raw_element if self.is_stored() else lambda key, ph: self._element(key, ph, wmi)
-        subj, obj = read(self._subject_key, ph), read(self._object_key, ph)
+        if self.is_stored():  # only the ids matter: a removed element has no relations
+            subj, obj = self._raw_element(self._subject_key, ph), self._raw_element(self._object_key, ph)
+        else:
+            subj, obj = self._element(self._subject_key, ph, wmi), self._element(self._object_key, ph, wmi)
         return subj is not None and obj is not None and self._links(subj, obj, wmi)
 
     def fact(self) -> str:

@@ -37,6 +37,12 @@ class SkillDescription(Preemptible):
     #: Whether the constructor declares everything; implementations of skills do so when they are loaded.
     _declares_itself = True
 
+    # Defaults of the class: objects with up to 30 attributes of their own take a fifth of the memory in CPython.
+    #: Whether the skill, and the children of a compound, may start and run while the robot is stopped.
+    allowed_when_stopped = False
+    _available_for_planning = True
+    _duration: float | None = None
+
     def __init__(self) -> None:
         self._type = full_name(self.__class__.__name__)
         self._label = ""
@@ -46,10 +52,6 @@ class SkillDescription(Preemptible):
         self._hold_conditions: list[cond.ConditionBase] = []
         self._post_conditions: list[cond.ConditionBase] = []
         self._exported_conditions: list[cond.ConditionBase] = []  # post-conditions for planners, never checked
-        self._available_for_planning = True
-        #: Whether the skill, and the children of a compound, may start and run while the robot is stopped.
-        self.allowed_when_stopped = False
-        self._duration: float | None = None
         self._source_locations: dict[str, SourceLocation | None] = {}  # of each parameter's declaration
         self._wmi = cast(WorldModelPort, None)  # until the skill is loaded
         if self._declares_itself and type(self) is not SkillDescription:

@@ -88,9 +88,12 @@ def relations_between(scene: Scene, ontology: Ontology, src: str, pred: str, dst
 
 def holds_between(scene: Scene, ontology: Ontology, src: Element, pred: str, dst: Element) -> bool:
     """Whether a relation or one of its subproperties holds; a side without id stands for any matching element."""
+    is_pair = bool(src.id and dst.id)
+    if is_pair and scene.related(src.id, pred, dst.id):
+        return True
     predicates = ontology.subproperties(pred)
-    if src.id and dst.id:
-        return scene.related(src.id, pred, dst.id) or any(scene.related(src.id, p, dst.id) for p in predicates)
+    if is_pair:
+        return any(scene.related(src.id, p, dst.id) for p in predicates)
     if src.id:
         found = (other for _, _, other in scene.relations(src.id, predicates))
         return any(is_like(scene, ontology, other, dst) for other in found)

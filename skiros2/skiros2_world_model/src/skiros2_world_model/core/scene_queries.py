@@ -193,7 +193,8 @@ class SceneQueries(OntologyClient):
         :param abstract: checks whether the relation is stated between the elements or their templates
             (`skiros:Template`); for an element without id and name, whether the class restrictions allow it.
         """
-        subj, obj = self._element(subj), self._element(obj)
+        if not (isinstance(subj, Element) and isinstance(obj, Element)):
+            subj, obj = self._element(subj), self._element(obj)
         pred = self._name(pred)
         if abstract:
             return self._stated(subj, pred, obj) == state

@@ -140,7 +140,7 @@ class WorldModel:
 
     def scenes(self, context: str) -> list[Scene]:
         """The scene of a context, or for "" the scenes of all contexts. Read them under the lock."""
-        return [self.scene(context)] if context else self._contexts.scenes()
+        return [self._contexts.named(context).scene] if context else self._contexts.scenes()
 
     def file_of(self, context: str) -> str:
         """The file that a context was last loaded from or saved to (successfully or not); "" when there is none."""
@@ -148,7 +148,7 @@ class WorldModel:
 
     def reader_under(self, lock: threading.RLock) -> SceneReader:
         """Creates a reader of the scenes of all contexts."""
-        return SceneReader(lock, self.scenes, lambda: self.ontology, self._contexts.home)
+        return SceneReader(lock, self.scenes, lambda: self.knowledge_base.index, self._contexts.home)
 
     def template(self, name: str) -> Element:
         """Returns a template as an element without id.

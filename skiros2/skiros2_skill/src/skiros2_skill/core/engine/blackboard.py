@@ -15,6 +15,7 @@ from skiros2_common.core.errors import UnknownName, WrongType
 from skiros2_common.core.explanation import CHANGED, DEFAULT, GIVEN, PULLED, SPECIFIED, UNSET
 from skiros2_common.core.names import nearest
 from skiros2_common.core.params import Origin, Param, ParamHandler, ParamTypes
+from skiros2_common.core.revision import local_revision
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.engine.skill_run import Node, SkillRun, scope
 from skiros2_skill.core.engine.slot import Slot, ids_of, is_same
@@ -30,6 +31,7 @@ class Blackboard:
 
     def __init__(self, params: ParamHandler) -> None:
         self._handler = params
+        self._content = object()  # a different object after each change
 
     @property
     def _entries(self) -> dict[str, Param]:
@@ -59,7 +61,7 @@ class Blackboard:
         a start, an element that was not given is only a candidate for a parameter that can be inferred, and a key with
         a suggested element is not pulled. While the node runs, an inferred element does not replace another one.
         """
-        entries = self._entries
+        entries = self._handler._params
         changed = False
         for slot in slots:
             entry = entries.get(slot.key)
@@ -68,7 +70,7 @@ class Blackboard:
             values, param = entry.current, slot.param
             if values is param.current or values is slot.ignored or values is slot.shared or not values:
                 continue
-            if slot.default_ids is not None and slot.default_ids != [v.id for v in values if isinstance(v, Element)]:
+            if slot.default_ids is not None and slot.default_ids != ids_of(values):
                 continue
             is_open = slot.is_element and slot.default_ids is None and param.paramType is not ParamTypes.Optional
             if is_open and entry.origin is not Origin.GIVEN:
@@ -86,7 +88,10 @@ class Blackboard:
                 continue
             if param.shared_snapshot is not None:
                 param.shared_snapshot = list(param.current)
-            slot.bind(entry.origin if slot.default_ids is None else Origin.GIVEN)
+            if slot.default_ids is None:
+                slot.bind(entry.origin)
+            else:
+                slot.origin, slot.ids = Origin.GIVEN, slot.default_ids
             pushed = PULLED if is_start or not node.children else CHANGED
             slot.provenance, slot.pushed_by = pushed if entry.set_by else GIVEN, entry.set_by
             changed = True
@@ -96,13 +101,21 @@ class Blackboard:
         """Copies parameters of a run that were assigned or changed in place to the blackboard; a parameter without a
         value removes its key. Returns the keys that have changed.
 
+        Does nothing if neither the blackboard nor any parameter has changed since all of them were pushed: most skills
+        end so.
+
         :param everything: also pushes unchanged parameters, except for abstract elements that are defaults.
         :param removes: whether keys are removed.
         """
-        entries = self._entries
-        if len(run.params) != len(run.slots):  # the running skill has declared parameters
+        local = local_revision.current
+        if run.pushed_at == (self._content, local) and not run.exposed:
+            return []
+        entries = self._handler._params
+        if len(run.params._params) != len(run.slots):  # the running skill has declared parameters
             update_slots(run)
         pushed: list[str] = []
+        exposed: list[Param] = []
+        is_complete = everything
         for slot in run.slots:
             param = slot.param
             values = param.current
@@ -111,9 +124,11 @@ class Blackboard:
                 param.assigned = False
                 slot.placeholder = None
                 slot.provenance, slot.pushed_by = CHANGED, ""
-            if param.shared_snapshot is not None and not is_same(values, param.shared_snapshot):
-                param.shared_snapshot = list(values)
-                changed = True
+            if param.shared_snapshot is not None:
+                exposed.append(param)
+                if not is_same(values, param.shared_snapshot):
+                    param.shared_snapshot = list(values)
+                    changed = True
             if slot.placeholder is not None and values is slot.placeholder and values and values[0].id:
                 slot.placeholder = None  # the skill has added the element to the world model
                 changed = True
@@ -122,6 +137,8 @@ class Blackboard:
             elif not everything:
                 continue
             entry = entries.get(slot.key)
+            if not values or values is slot.placeholder:
+                is_complete = False
             if not values:
                 # Where its elements are gone, and another skill has set the key since, that value stays.
                 is_own = changed or slot.ignored is None or (entry is not None and entry.current is slot.ignored)
@@ -129,7 +146,7 @@ class Blackboard:
                     del entries[slot.key]
                     pushed.append(slot.key)
             elif entry is not None and entry.current is values:
-                if changed or slot.is_given_again(entry):
+                if changed or (entry.origin is not slot.origin and slot.is_given_again(entry)):
                     entry.origin, entry.set_by = slot.origin, run.label
                     pushed.append(slot.key)
             elif changed or not (slot.is_at_placeholder or (entry is not None and entry.current is slot.shared)):
@@ -138,34 +155,40 @@ class Blackboard:
                 entry.origin, entry.set_by = slot.origin, run.label
                 slot.shared = values
                 pushed.append(slot.key)
+        run.exposed = exposed or ()
+        if pushed:
+            self._content = object()
+        run.pushed_at = (self._content, local) if is_complete else None
         return pushed
 
 
 def make_slots(run: SkillRun, declared: ParamHandler) -> tuple[ParamHandler, list[Slot]]:
     """Creates the parameters of a run that starts, with their specified values or defaults, and their slots.
 
-    Unknown keys and values of a wrong type are logged and ignored.
+    Defaults are not copied yet, see `Slot.copy_default`. Unknown keys and values of a wrong type are logged and
+    ignored.
 
     :param declared: the parameters of the implementation.
     """
-    node, names = run.node, run.keys
-    specified = {node.own_name(name): values for name, values in node.specified_values.items()}
-    provenance = GIVEN if node.parent is not None and node.parent.parent is None else SPECIFIED
+    node, names, parent = run.node, run.keys, run.node.parent
+    specified: Mapping[str, list[Any]] = node.specified_values
+    if node.remaps:
+        specified = {node.own_name(name): values for name, values in specified.items()}
+    provenance = GIVEN if parent is not None and parent.parent is None else SPECIFIED
     params: dict[str, Param] = {}
     slots = []
     for key, param in declared._params.items():
-        own = param.checked_or_log([_as_read(v) for v in specified.pop(key)]) if key in specified else None
-        if own is None:
-            params[key] = param = param.at_default()
-        else:
-            params[key] = param = param.with_values(own)
+        values, defaults = specified.get(key), param.defaults
+        own = param.checked_or_log([*map(_as_read, values)]) if values is not None else None
+        params[key] = param = param.with_values(defaults if own is None else own)
+        if own is not None:
             param.defaults = list(own)
-        is_default = own is None or (provenance == GIVEN and is_same(own, declared._params[key].defaults))
+        is_default = own is None or (provenance == GIVEN and is_same(own, defaults))
         slot = Slot(param, names.get(key, key), DEFAULT if is_default else provenance)
         if slot.placeholder is not None or not param.current:
             slot.provenance = UNSET
         slots.append(slot)
-    for key in specified:
+    for key in specified.keys() - params.keys():
         log.error("%s: %s", node.printState(), declared.unknown(key))
     return ParamHandler(params, is_strict=True), slots
 
@@ -177,7 +200,9 @@ def update_slots(run: SkillRun) -> None:
 
 
 def _new_slot(param: Param, run: SkillRun) -> Slot:
-    return Slot(param, run.keys.get(param.key, param.key), DEFAULT if param.is_bound() else UNSET)
+    slot = Slot(param, run.keys.get(param.key, param.key), DEFAULT if param.is_bound() else UNSET)
+    slot.ids = ()  # what the skill has assigned since is a change
+    return slot
 
 
 def _as_read(value: Any) -> Any:

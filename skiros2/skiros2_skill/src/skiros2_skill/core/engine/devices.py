@@ -162,11 +162,11 @@ def lock_devices(run: SkillRun, wmi: WorldModelPort) -> Failure | None:
         for device in run.params.getParamValues(key):
             if device.isAbstract() or device.id in run.locks:
                 continue
-            run.locks.append(device.id)  # before the call, which may not return
+            run.locks = [*run.locks, device.id]  # before the call, which may not return
             try:
                 locks_in(wmi).acquire(device.id, run.node, wmi)
             except SkirosError as error:
-                run.locks.remove(device.id)
+                run.locks = run.locks[:-1]
                 return Failure(PRE, PRE_FAILED, f"{run.label} does not get its {key}: {error}")
             found = wmi.find_element(device.id)
             if found is not None:
@@ -176,7 +176,7 @@ def lock_devices(run: SkillRun, wmi: WorldModelPort) -> Failure | None:
 
 def free_devices(run: SkillRun, wmi: WorldModelPort) -> None:
     """Releases the devices that the run has locked; failed releases are retried later. Any thread."""
-    eids, run.locks = run.locks, []
+    eids, run.locks = [*run.locks], ()
     locks_in(wmi).release(eids, run.node, wmi)
 
 

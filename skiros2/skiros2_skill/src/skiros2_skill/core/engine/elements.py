@@ -106,8 +106,10 @@ def assigned_elements(slots: list[Slot]) -> list[Element]:
     """The changed elements with an id in assigned parameters, which are written after an `execute`."""
     found: dict[int, Element] = {}
     for slot in slots:
+        if not slot.param.assigned:
+            continue
         values = slot.param.current
-        if slot.param.assigned and values and values[0].id:
+        if values and values[0].id:
             found.update((id(e), e) for e in values if e.id and _has_changes(e))
     return list(found.values())
 

@@ -285,11 +285,14 @@ def check_conditions(
     """
     prefix, code, raised_code = _STAGES[stage]
     try:
-        results = [(c, bool(c.evaluate(params, wmi))) for c in conditions]
+        unsatisfied = []
+        for condition in conditions:
+            if not condition.evaluate(params, wmi):
+                unsatisfied.append(condition)
         if note is not None:
-            for condition, holds in results:
-                note(condition, holds)
-        unsatisfied = [c for c, holds in results if not holds]
+            failed = set(map(id, unsatisfied))
+            for condition in conditions:
+                note(condition, id(condition) not in failed)
         if conditions:
             _record(stage, conditions, unsatisfied, params, wmi, evaluated)
         if not unsatisfied:

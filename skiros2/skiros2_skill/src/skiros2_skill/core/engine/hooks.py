@@ -37,6 +37,9 @@ PREEMPTED = -1
 #: The result of `Hooks.call` when the hook raises.
 RAISED: Any = object()
 
+# These do nothing, and are not called: most skills override only `execute`.
+_DEFAULT_START, _DEFAULT_END = SkillCore.onStart, SkillCore.onEnd
+
 _RUNNING: State = State.Running
 _SUCCESS: State = State.Success
 _FAILURE: State = State.Failure
@@ -126,7 +129,7 @@ class Hooks:
 
     def on_start(self, run: SkillRun) -> Any:
         """Expands the subtree and calls `onStart`. Returns the refusal, "" for none; `RAISED` when it raises."""
-        if not run.implementation.is_compound and is_default(run.instance.onStart, SkillCore.onStart):
+        if not run.implementation.is_compound and getattr(run.instance.onStart, "__func__", None) is _DEFAULT_START:
             if self.evidence.is_on:
                 self.evidence.hook(run, "onStart")
             return ""
@@ -153,7 +156,7 @@ class Hooks:
     def on_end(self, run: SkillRun, state: State, preempted: bool) -> State:
         """Calls `onEnd`. Returns the state after it, which may turn a success into a failure."""
         instance = run.instance
-        if is_default(instance.onEnd, SkillCore.onEnd):
+        if getattr(instance.onEnd, "__func__", None) is _DEFAULT_END:
             if self.evidence.is_on:
                 self.evidence.hook(run, "onEnd")
             return state
@@ -205,12 +208,6 @@ class Hooks:
             set_failure_reason(run, text, EXECUTE_RAISED)
         self._failures.record(run.node, _reported(run, EXECUTE, secondary or instance.fails_late))
         return _FAILURE
-
-
-def is_default(hook: Callable[[], Any], default: Callable[..., Any]) -> bool:
-    """Whether a hook is that of the base class, which does nothing: most skills override only `execute`, and a call
-    under the guard costs as much as all else that a hook needs."""
-    return getattr(hook, "__func__", None) is default
 
 
 def refusal_text(answer: Any) -> str:

@@ -49,7 +49,8 @@ class DependencyIndex:
 
     def add(self, run: SkillRun) -> None:
         """Adds a run that starts."""
-        self.remove(run)
+        if run.reads is not None:
+            self.remove(run)
         self._of_anything[run] = None
 
     def set_reads(self, run: SkillRun, ids: Collection[str], revision: Callable[[str], object]) -> None:
@@ -182,10 +183,11 @@ class Parameters:
 
         :param is_current: whether nothing has changed since its parameters were read.
         """
-        run.volatile = any(c.volatile for c in run.hold_conditions)
-        run.stale = bool(run.hold_conditions) or not is_current
+        run.stale = not is_current
         self._dependencies.add(run)
         if run.hold_conditions:
+            run.volatile = any(c.volatile for c in run.hold_conditions)
+            run.stale = True
             self.guard.call(run, "the start of its hold-conditions", self._watch, run)
 
     def end(self, run: SkillRun) -> None:
@@ -193,14 +195,15 @@ class Parameters:
         self._dependencies.remove(run)
         if self.evidence.is_on:
             self.evidence.end(run)
-        while run.watches:
-            run.watches.pop()()
+        watches, run.watches = run.watches, ()
+        for stop in reversed(watches):
+            stop()
 
     def _watch(self, run: SkillRun) -> None:
         for condition in run.hold_conditions:
             stop = condition.watch(run.params, self._wmi, self.signals, self._wake)
             if stop is not None:
-                run.watches.append(stop)
+                run.watches = [*run.watches, stop]
 
     def refresh(self, run: SkillRun) -> Failure | None:
         """Refreshes the parameters of a run if they are stale, and checks its hold-conditions.
@@ -352,7 +355,6 @@ class Parameters:
             self.evidence.push(run, keys, self.blackboard.values, everything)
         if keys:
             self._dependencies.mark_keys(keys)
-        run.exposed = [slot.param for slot in run.slots if slot.param.shared_snapshot is not None] or ()
 
     def log_unwritten(self, run: SkillRun) -> None:
         """Logs elements that a skill has changed in place: such changes are not written."""

@@ -29,7 +29,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import Revisions, WorldModelPort
 from skiros2_skill.core.engine.blackboard import Blackboard, make_slots, unprovided_remap
 from skiros2_skill.core.engine.devices import free_devices, lock_devices
-from skiros2_skill.core.engine.elements import missing_text, read_again, refresh_elements
+from skiros2_skill.core.engine.elements import missing_text, read_again
 from skiros2_skill.core.engine.evidence import Evidence
 from skiros2_skill.core.engine.failures import PRE_FAILED, START_RAISED, Failure, Failures, check_conditions
 from skiros2_skill.core.engine.hook_guard import HookGuard
@@ -83,7 +83,7 @@ def select(run: SkillRun, parameters: Parameters, wmi: WorldModelPort, claim: Cl
         candidates, revisions = run.node.candidates(), parameters.revisions(run)
     except SkirosError as error:
         return Failure(START, START_RAISED, str(error))
-    note = parameters.evidence.conditions(run, PRE)
+    note = parameters.evidence.conditions(run, PRE) if parameters.evidence.is_on else None
     arguments = (run, candidates, wmi, revisions, parameters.blackboard, claim, note)
     return parameters.guard.call(run, "the inference of its parameters", _select, *arguments)
 
@@ -170,33 +170,47 @@ def _find_params(
     :param note: see `check_conditions`.
     :raises SkirosError: a parameter cannot be set, or a pre-condition is unsatisfied.
     """
-    elements = [slot for slot in slots if slot.is_element]
     if run.node.suggested_values:
-        _suggest(run, elements, wmi)
+        _suggest(run, [slot for slot in slots if slot.is_element], wmi)
     blackboard.pull(run.node, slots, is_start=True)
-    needed = [(slot, slot.param.current, _is_own(slot)) for slot in elements if _is_own(slot) or _is_needed(slot)]
-    if refresh_elements(elements, wmi, revisions):
-        for slot, values, is_own in needed:
-            missing = [v for v in values if v not in slot.param.current]
-            if missing and (is_own or not slot.param.current):
-                raise Rejected(PARAMETER, f"parameter {slot.param.key!r} {missing_text(missing[0], wmi)}")
-    for slot in elements:
+    unset, has_others = [], False
+    for slot in slots:
+        param = slot.param
+        if param.current is param.defaults:  # it stays
+            slot.copy_default()
+        if not slot.is_element:
+            has_others = True
+            continue
+        gone = read_again(param.current, wmi, revisions)
+        if gone:
+            _drop_missing(slot, gone, wmi)
         if slot.candidate is not None and read_again(slot.candidate, wmi, revisions):
-            if slot.param.paramTypeIs(ParamTypes.Required):
-                raise Rejected(PARAMETER, f"parameter {slot.param.key!r} {missing_text(slot.candidate[0], wmi)}")
+            if param.paramTypeIs(ParamTypes.Required):
+                raise Rejected(PARAMETER, f"parameter {param.key!r} {missing_text(slot.candidate[0], wmi)}")
             slot.ignored, slot.candidate = slot.candidate, None
-    unset = [s for s in elements if s.param.paramType is not ParamTypes.Optional and not s.param.is_bound()]
+        if param.paramType is not ParamTypes.Optional and not (slot.ids and slot.ids[0]):
+            unset.append(slot)
     if unset:
         _infer(run, unset, params, conditions, wmi, blackboard)
-    for slot in elements:
-        slot.bind(slot.origin)
-    run.warning = _take_learned(slots, stype, wmi)
+    run.warning = _take_learned(slots, stype, wmi) if has_others else ""
     outside = out_of_limits(params)
     if outside:
         raise Rejected(PARAMETER, outside, Failure(PARAMETER, OutOfLimits.CODE, outside))
     failure = check_conditions(PRE, conditions, params, wmi, run.evaluated, note)
     if failure is not None:
         raise Rejected(PRE, failure.message, failure)
+
+
+def _drop_missing(slot: Slot, gone: list[Element], wmi: WorldModelPort) -> None:
+    """Drops elements that are gone.
+
+    :raises Rejected: the skill cannot start without them.
+    """
+    is_own, is_needed = _is_own(slot), _is_needed(slot)
+    slot.drop(gone)
+    slot.bind(slot.origin)
+    if any(e.id for e in gone) and (is_own or (is_needed and not slot.param.current)):
+        raise Rejected(PARAMETER, f"parameter {slot.param.key!r} {missing_text(gone[0], wmi)}")
 
 
 def _take_learned(slots: list[Slot], stype: str, wmi: WorldModelPort) -> str:
@@ -218,11 +232,10 @@ def _take_learned(slots: list[Slot], stype: str, wmi: WorldModelPort) -> str:
 
 def out_of_limits(params: ParamHandler) -> str:
     """Describes the parameters with values that their declarations do not allow; "" if there are none."""
-    problems = [
-        f"parameter {param.key!r}: {param.limits.problem(param.current)}"
-        for param in params.values()
-        if param.limits is not NO_LIMITS and not all(map(param.limits.allows, param.current))
-    ]
+    problems = []
+    for param in params.values():
+        if param.limits is not NO_LIMITS and not all(map(param.limits.allows, param.current)):
+            problems.append(f"parameter {param.key!r}: {param.limits.problem(param.current)}")
     return "; ".join(problems)
 
 
@@ -257,6 +270,7 @@ def _infer(
         if known is not None and known[0].id == slot.param.current[0].id:
             slot.param.current = slot.shared = known  # all nodes share one list
             slot.origin = blackboard.origin(slot.key)
+        slot.bind(slot.origin)
         rejected = [e for e in first[slot.param.key] or () if e.id != slot.param.current[0].id]
         if rejected:
             log.info(
@@ -281,6 +295,7 @@ def _suggest(run: SkillRun, slots: Sequence[Slot], wmi: WorldModelPort) -> None:
         slot.suggested = [present for _, present in found if present is not None]
         if slot.suggested and slot.param.paramTypeIs(ParamTypes.Optional):
             slot.param.current = slot.suggested
+            slot.bind(slot.origin)
             slot.provenance = SPECIFIED
 
 

@@ -143,6 +143,10 @@ class SkillNode(Node, Protocol):
     @property
     def own_post_conditions(self) -> Sequence[ConditionBase]: ...
     @property
+    def asked_label(self) -> str:
+        """The requested label of the implementation; "" for any."""
+
+    @property
     def specified_values(self) -> Mapping[str, list[Any]]: ...
     @property
     def suggested_values(self) -> Mapping[str, list[Any]]: ...
@@ -168,6 +172,9 @@ class Progress(NamedTuple):
     time: float = 0.0
 
 
+_NO_PROGRESS = Progress()
+
+
 class FastPath:
     """What a tick of a running primitive reads: together, so that it is one line of the processor's cache."""
 
@@ -190,9 +197,9 @@ class SkillRun(FastPath):
 
     __slots__ = (
         "_is_counted", "_reported", "_started_at", "element_slots", "evaluated", "failure_kind",
-        "failure_progress", "has_started", "hold_conditions", "implementation", "input_values",
-        "is_abandoned", "is_described", "is_expanded", "keys", "label", "locks", "node", "options", "params",
-        "post_conditions", "pre_conditions", "reads", "running_nodes", "slots", "stale", "state",
+        "failure_progress", "has_started", "hold_conditions", "implementation", "is_abandoned",
+        "is_described", "is_expanded", "keys", "label", "locks", "node", "options", "params",
+        "post_conditions", "pre_conditions", "pushed_at", "reads", "running_nodes", "slots", "stale", "state",
         "volatile", "warning", "watches",
     )  # fmt: skip
 
@@ -206,24 +213,25 @@ class SkillRun(FastPath):
     def __init__(self, node: SkillNode) -> None:
         self.node = node
         self.instance = None
+        last = node.run
         self.state = node.state
         #: Of the implementation; before one is claimed, as in `is_described`.
-        self.label = node.label
+        self.label = node.asked_label
         #: Whether there are parameters and conditions: of the implementation, or still of that of the last run.
         self.is_described = False
         #: Whether the node has the subtree of this instance.
         self.is_expanded = False
         #: The ids of the devices that it has locked.
-        self.locks: list[str] = []
+        self.locks: Sequence[str] = ()
         self._is_counted = False
-        if node.run is not None:
-            self._continue(node.run)
+        if last is not None:
+            self._continue(last)
         #: The keys on the blackboard by own key, where they differ.
         self.keys = blackboard_keys(node)
         self.slots: list[Slot] = []
         self.element_slots: list[Slot] = []
-        #: The values of the parameters at the start.
-        self.input_values: dict[str, list[Any]] = {}
+        #: The state of the blackboard and of the parameters when all were pushed; None: not all have a value.
+        self.pushed_at: tuple[object, int] | None = None
         #: Whether `onStart` has succeeded.
         self.has_started = False
         #: Whether a hold-condition has to be checked at each tick.
@@ -237,7 +245,7 @@ class SkillRun(FastPath):
         self.reads: tuple[tuple[str, ...], tuple[str, ...]] | None = None
         self.exposed = ()
         #: End what hold-conditions watch outside the world model.
-        self.watches: list[Callable[[], None]] = []
+        self.watches: Sequence[Callable[[], None]] = ()
         #: The last evaluation of its conditions, by stage.
         self.evaluated: dict[str, list[ConditionStatus]] = {}
         #: Of a failed run: the most severe kind of its failures.
@@ -249,7 +257,7 @@ class SkillRun(FastPath):
         #: Whether a hook has not returned: the instance must not be used again.
         self.is_abandoned = False
         self._started_at = time.monotonic()
-        self._reported = Progress()  # without an instance
+        self._reported = _NO_PROGRESS  # without an instance
         self.progressed_at = 0.0
 
     # -- the instance ------------------------------------------------------------------------------------------
@@ -258,12 +266,13 @@ class SkillRun(FastPath):
         """Takes over the description and the instance: of a compound, to which the subtree belongs, or of a node that
         was reset while it ran, with its devices."""
         self.instance, last.instance = last.instance, None
-        self.locks, last.locks = last.locks, []
+        self.locks, last.locks = last.locks, ()
         self._is_counted, last._is_counted = last._is_counted, False
         if self.instance is not None:
             self.implementation, self.is_expanded = last.implementation, last.is_expanded
             self.instance.begin_progress()
         if last.is_described:
+            self.label = last.label
             self.params, self.options, self.is_described = last.params, last.options, True
             self.pre_conditions, self.hold_conditions = last.pre_conditions, last.hold_conditions
             self.post_conditions = last.post_conditions
@@ -273,18 +282,22 @@ class SkillRun(FastPath):
 
         :raises ConfigurationError: no instance can be created.
         """
-        if self.instance is None or self.implementation is not implementation:
-            self.release()
+        instance = self.instance
+        if instance is None or self.implementation is not implementation:
+            if instance is not None:
+                self.release()
             self.is_expanded = False
-            self.instance = implementation.acquire()
-        self.instance.restore_declared(params)
+            self.instance = instance = implementation.acquire()
+        instance.restore_declared(params)
         self.implementation, self.label = implementation, implementation.label
         self.set_slots(slots)
+        for slot in slots:
+            slot.start_values = tuple(slot.param.current)
         if not self._is_counted:
             self._is_counted = True
             implementation.count(1)
-        self.instance.begin_progress()
-        self.progressed_at = self.instance.progressed_at
+        instance.begin_progress()
+        self.progressed_at = instance.progressed_at
         self.describe()
 
     def set_slots(self, slots: list[Slot]) -> None:
@@ -382,9 +395,10 @@ class EndedParams(ParamHandler):
 
 def blackboard_keys(node: Node) -> Mapping[str, str]:
     """The keys on the blackboard by the keys of a node, where they differ: the composed remaps from the root."""
-    remaps, above = [node.remaps], node.parent
+    remaps, above = [node.remaps] if node.remaps else [], node.parent
     while above is not None and above.run is None:
-        remaps.append(above.remaps)
+        if above.remaps:
+            remaps.append(above.remaps)
         above = above.parent
     keys: Mapping[str, str] = above.run.keys if above is not None and above.run is not None else {}
     for each in reversed(remaps):

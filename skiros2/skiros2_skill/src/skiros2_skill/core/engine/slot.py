@@ -21,7 +21,7 @@ class Slot:
 
     __slots__ = (
         "candidate", "default_ids", "ids", "ignored", "is_element", "key", "origin", "param", "placeholder",
-        "provenance", "pushed_by", "shared", "suggested",
+        "provenance", "pushed_by", "shared", "start_values", "suggested",
     )  # fmt: skip
 
     def __init__(self, param: Param, key: str, provenance: str) -> None:
@@ -33,30 +33,35 @@ class Slot:
         self.pushed_by = ""
         self.origin = Origin.GIVEN
         #: Of the elements when they were bound: an assignment of the same ones keeps the origin.
-        self.ids: list[Any] = []
+        self.ids: tuple[Any, ...] = ()
         #: The elements that a plan suggests for this start, which inference tries first.
-        self.suggested: list[Element] = []
-        default = param.defaults
+        self.suggested: Sequence[Element] = ()
         #: The ids of a default that is kept unless the blackboard has elements with the same ids; () for a default
         #: that is always kept; None when there is none to keep.
-        self.default_ids: list[str] | tuple[()] | None = None
+        self.default_ids: tuple[Any, ...] | None = None
         #: The list with an abstract element as the default, which is not pushed.
-        self.placeholder = None
-        if default and not self.is_element:
-            self.default_ids = ()
-        elif default and default[0].id:
-            self.default_ids = [e.id for e in default]
+        self.placeholder: list[Any] | None = None
+        default = param.defaults
+        if self.is_element:
+            self.ids = ids_of(param.current)
+            default_ids = self.ids if default == param.current else ids_of(default)
+            if default_ids and default_ids[0]:
+                self.default_ids = default_ids
+            elif default:
+                self.placeholder = param.current
         elif default:
-            self.placeholder = param.current
+            self.default_ids = ()
         #: The list that was last pulled or pushed.
         self.shared: list[Any] | None = None
         #: A list that is not pulled, because elements in it are gone.
         self.ignored: list[Any] | None = None
         #: An element on the blackboard that was not given, which inference tries first.
         self.candidate: list[Any] | None = None
+        #: The values at the start; None: the skill has declared the parameter in its `onStart`.
+        self.start_values: tuple[Any, ...] | None = None
 
     def bind(self, origin: Origin) -> None:
-        """Notes the origin of the present values."""
+        """Notes the origin of the present values, and their ids."""
         self.origin = origin
         if self.is_element:
             self.ids = ids_of(self.param.current)
@@ -75,6 +80,12 @@ class Slot:
         self.ignored, self.shared = self.param.current, None
         self.param.current = [v for v in self.param.current if v not in gone]
 
+    def copy_default(self) -> None:
+        """Copies the default, which the parameter shares with the declared one until then."""
+        self.param.current = self.param.new_default()
+        if self.placeholder is not None:
+            self.placeholder = self.param.current
+
     @property
     def is_at_placeholder(self) -> bool:
         return self.param.current is self.placeholder and not any(e.id or e.may_be_changed for e in self.param.current)
@@ -88,8 +99,10 @@ def is_same(values: list[Any], other: list[Any] | None) -> bool:
         return False
 
 
-def ids_of(elements: list[Any]) -> list[Any]:
-    return [getattr(element, "id", None) for element in elements]
+def ids_of(elements: list[Any]) -> tuple[Any, ...]:
+    if len(elements) == 1:  # nearly always
+        return (getattr(elements[0], "id", None),)
+    return tuple([getattr(element, "id", None) for element in elements])
 
 
 def provenance_of(slots: Iterable[Slot], conditions: Sequence[ConditionBase]) -> list[Provenance]:

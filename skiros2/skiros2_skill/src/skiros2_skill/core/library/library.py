@@ -60,7 +60,7 @@ class Implementation:
 
     def release(self, instance: Any) -> None:
         """Returns an instance to the pool."""
-        if isinstance(instance, SkillBase):
+        if self.is_compound:
             instance.expands_into = None
         self._free.append(instance)
 
@@ -108,6 +108,7 @@ class SkillLibrary:
         self.descriptions = Descriptions(wmi)
         self._loader = PluginLoader()
         self._by_type: dict[str, list[Implementation]] = {}
+        self._by_name: dict[tuple[str, str], list[Implementation]] = {}  # by type and label, as `_matching` finds them
         self._skipped: dict[type, str] = {}  # reason by class
         self._libraries: list[str] = []
         self._listed: list[str] = []
@@ -206,6 +207,7 @@ class SkillLibrary:
             raise
         self._skipped.pop(cls, None)
         self._by_type.setdefault(implementation.type, []).append(implementation)
+        self._by_name = {}
         self._loaded[cls] = implementation
         log.debug("loaded %s-%s from %s", implementation.type, implementation.label, implementation.module)
         return implementation
@@ -235,7 +237,7 @@ class SkillLibrary:
         :raises UnknownName: there is none.
         """
         stype = full_name(stype)
-        found = self._matching(stype, label) or self._named(stype, label)
+        found = self._by_name.get((stype, label)) or self._matching(stype, label) or self._named(stype, label)
         if not found:
             self._load_matching(stype, label)
             found = self._matching(stype, label)
@@ -268,7 +270,9 @@ class SkillLibrary:
         return found[0]
 
     def _matching(self, stype: str, label: str) -> list[Implementation]:
-        return [i for i in self._by_type.get(stype, ()) if not label or i.label == label]
+        found = [i for i in self._by_type.get(stype, ()) if not label or i.label == label]
+        self._by_name[stype, label] = found
+        return found
 
     def _named(self, stype: str, label: str) -> list[Implementation]:
         """The implementations of a type whose class has this name; they are loaded if needed."""

@@ -107,6 +107,7 @@ class SkillInterface(NodeParams):
     run: SkillRun | None = None
     _executor: Executor | None = None  # of a node that is ticked without a task
     _listener: StructureListener | None = None
+    _latched: SkillInterface | None = None
 
     def __init__(self, children_processor: Processor = Sequential()) -> None:  # noqa: B008 - the contract's default
         super().__init__()
@@ -116,7 +117,6 @@ class SkillInterface(NodeParams):
         self.library: Library | None = None
         #: The pre-conditions added to the node, without those of the implementation.
         self.own_pre_conditions: list[ConditionBase] = []
-        self._latched: SkillInterface | None = None
 
     # -- position in the tree ----------------------------------------------------------------------------------
 
@@ -266,9 +266,9 @@ class SkillInterface(NodeParams):
 
     def revertInput(self) -> None:
         """Restores the parameters to their values at the start of the skill."""
-        for key, values in self.run.input_values.items() if self.run is not None else ():
-            if self._params.hasParam(key):
-                self._params.getParamMap()[key].assign(list(values))
+        for slot in self.run.slots if self.run is not None else ():
+            if slot.start_values is not None and self._params.hasParam(slot.param.key):
+                self._params.getParamMap()[slot.param.key].assign(list(slot.start_values))
 
     def resetDescription(self, other: SkillDescription | None = None) -> None:
         """Replaces parameters and conditions by those of another skill; None: by those of the own description."""

@@ -31,18 +31,18 @@ class _OfRun(Generic[_T]):
     """A part of the description: that of the present or last run; before the first start, the node's own."""
 
     def __set_name__(self, owner: type, name: str) -> None:
-        self._own, self._name = name, name.lstrip("_")
+        self._own, self._name = f"_own{name}", name.lstrip("_")
 
     def __get__(self, node: DescribedNode, owner: type) -> _T:
         run = node.run
-        value: _T = getattr(run, self._name) if run is not None and run.is_described else node.__dict__[self._own]
+        value: _T = getattr(run, self._name) if run is not None and run.is_described else getattr(node, self._own)
         return value
 
     def __set__(self, node: DescribedNode, value: _T) -> None:
         if node.run is not None and node.run.is_described:
             setattr(node.run, self._name, value)
         else:
-            node.__dict__[self._own] = value
+            setattr(node, self._own, value)
 
 
 class DescribedNode(SkillInterface):
@@ -56,12 +56,13 @@ class DescribedNode(SkillInterface):
     _hold_conditions = _OfRun[list[ConditionBase]]()
     _post_conditions = _OfRun[list[ConditionBase]]()
 
+    _is_described = False
+    _depth = 0  # the number of skills from the root to this node; set when it starts
+
     def __init__(self, children_processor: Processor) -> None:
         self.run = None
         super().__init__(children_processor)
-        self._is_described = False
         self.asked_label = ""
-        self._depth = 0  # the number of skills from the root to this node; set when it starts
         self.own_hold_conditions: list[ConditionBase] = []
         self.own_post_conditions: list[ConditionBase] = []
 
@@ -182,7 +183,7 @@ class DescribedNode(SkillInterface):
         """
         above = self._parent
         while above is not None and not isinstance(above, DescribedNode):
-            above = above.parent
+            above = above._parent
         self._depth = above._depth + 1 if above is not None else 1
         if self._depth > MAX_DEPTH:
             raise Refused(f"{self.printState()} is below {MAX_DEPTH} levels of skills: one of them contains itself")
@@ -333,9 +334,17 @@ class SkillWrapper(DescribedNode):
             self.run.state = state
 
     def _setState(self, state: State) -> None:
-        if self.run is not None:
-            self.run.skips_refresh = False
-        super()._setState(state)
+        run = self.run
+        if run is None:
+            super()._setState(state)
+            return
+        run.skips_refresh = False
+        if self._waiting or state.__class__ is not State:
+            super()._setState(state)
+            return
+        run.state = state  # the same, without four calls: each start and end comes here
+        if self._listener is not None:
+            self._listener.discard()
 
     def reset(self) -> State:
         """Resets the node to Idle. Returns the state."""

@@ -57,7 +57,8 @@ class PlugIn(ContactMotion):
     """Pushes a plug that is in the entry of a socket to its floor; succeeds if the force shows that it has latched."""
 
     def createDescription(self) -> None:
-        self.add_arm(300.0, 20.0)
+        # softer than force by length of the plug (270 N/m), hand and plug buckle like a strut under the force
+        self.add_arm(1000.0, 60.0)
         self.add_surface("Position of the tool with the plug at the rim, in the arm's base frame (m)")
         self.addParam("Socket", Element("skiros:Bore"), Required, description="With depth, latch depth and latch force")
         self.add_number("Speed", 0.01, "m/s", 0.001, 0.1, "Of the reference")

@@ -95,4 +95,5 @@ def test_fresh_recording_of_a_demo_is_as_recorded(demo: str, number: int, tmp_pa
     finally:
         program.stop()
     print(f"{demo}{' beside load' * (number % 2)} has ended with status {status}")  # its own tests demand success
+    assert (folder / "run.bag").is_file(), program.output
     rerun(folder / "run.bag", tmp_path)

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import sys
+from copy import copy
 from dataclasses import replace
 
 import pytest
 
 from skiros2_bags.testing.evidence import RecordedEvidence
 from skiros2_bags.testing.field_tolerances import FieldTolerances
-from skiros2_bags.testing.recording import Recording
+from skiros2_bags.testing.recording import Recording, recorded_tasks
 from skiros2_bags.testing.rerun import Settings, rerun
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.explanation import POST
 from skiros2_common.core.world_element import Element
+from skiros2_runs.core.states import SUCCESS
 from skiros2_skill.core.engine.hooks import Hooks
 from skiros2_skill.core.engine.parameters import Parameters
 from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
@@ -80,6 +82,19 @@ def test_divergence_names_the_value_that_is_beyond_its_tolerance() -> None:
 
 def test_values_that_a_played_skill_has_pushed_are_on_the_blackboard(engine: Recording) -> None:
     found = rerun(engine, replace(Settings(), played=frozenset({"produce", "step_aside"})))
+    assert found.is_as_recorded, found
+
+
+def test_write_of_a_played_skill_may_be_recorded_long_after_its_tick(engine: Recording) -> None:
+    recording = copy(engine)
+    task = recorded_tasks(recording)[0]
+    nodes = (each.frame.nodes.values() for each in task.progress)
+    ended = next(i for i, each in enumerate(nodes) if any(n.name == "note_end" and n.state == SUCCESS for n in each))
+    tick = task.progress[ended]
+    write = [e for e in recording.changes if e.change.author == task.manager and e.order < tick.order][-1]
+    late = replace(write, order=tick.order + 0.5, time=tick.time + 0.1)  # type: ignore[arg-type]
+    recording.events = sorted((late if e is write else e for e in engine.events), key=lambda event: event.order)
+    found = rerun(recording, replace(Settings(), played=frozenset({"note_end"})))
     assert found.is_as_recorded, found
 
 

@@ -137,6 +137,14 @@ def test_tolerance_of_one_field_is_stored_and_named(tmp_path: Path, capsys: pyte
     assert "expected a tolerance such as pose=0.01" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("option", ["--relative=-0.1", "--absolute=nan", "--tolerance=pose=inf"])
+def test_tolerance_that_is_no_finite_number_from_zero_is_refused(
+    option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([str(BAGS / "timed_unmet.bag"), "--workspace", str(WORKSPACE), option]) == 2
+    assert "expected" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("more", [0.01, 0.0001])
 def test_changed_driver_goal_names_the_field(gripper: Recording, monkeypatch: pytest.MonkeyPatch, more: float) -> None:
     from replay_skills import skills

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from support.recorded_run import (
     scene,
     write_bag,
 )
+from support.ros import ROOT
 
 LABELS = ("pick", "place")
 
@@ -208,3 +210,11 @@ def test_missing_topics_are_reported(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="no progress of tasks"):
         run.tasks()
     assert run.actions() == []
+
+
+def test_documented_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (ROOT / "docs" / "bags.md").read_text()
+    (example,) = re.findall(r"^## In Python\n\n```python\n(.*?)^```$", text, re.M | re.S)
+    (tmp_path / "run.bag").symlink_to(ROOT / "tests" / "bags" / "timed_pick_place.bag")
+    monkeypatch.chdir(tmp_path)
+    exec(example, {})

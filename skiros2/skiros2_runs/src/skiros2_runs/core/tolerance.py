@@ -13,6 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from skiros2_common.core.errors import WrongValue
+
 _MEASURED = re.compile(r"(?<![\w.-])-?\d+\.\d+(?:e[-+]?\d+)?|(?<![\w.-])-?\d+(?=\s?%)", re.IGNORECASE)
 _TRACEBACK = "Traceback (most recent call last):"
 
@@ -23,10 +25,15 @@ class Tolerance:
 
     :param relative: as a fraction of the larger number.
     :param absolute: in the unit of the numbers: metres, radians, per cent.
+    :raises WrongValue: one is negative or not finite.
     """
 
     relative: float = 0.02
     absolute: float = 0.02
+
+    def __post_init__(self) -> None:
+        if not (0.0 <= self.relative < math.inf and 0.0 <= self.absolute < math.inf):
+            raise WrongValue(f"tolerance {self.absolute:g} (relative {self.relative:g}): expected finite numbers >= 0")
 
     @property
     def is_exact(self) -> bool:

@@ -14,7 +14,7 @@ working directory.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,7 @@ import pytest
 from skiros2_runs.core.tolerance import NARROW, Tolerance
 
 if TYPE_CHECKING:
+    from skiros2_bags.testing.field_tolerances import FieldTolerances
     from skiros2_bags.testing.rerun import Settings
 
 
@@ -50,12 +51,10 @@ def pytest_collection_modifyitems(session: pytest.Session, config: pytest.Config
     bags = config.getoption("--replay")
     if not bags:
         return
-    from skiros2_bags.testing.field_tolerances import FieldTolerances, field_tolerances
     from skiros2_bags.testing.rerun import Settings  # imported when needed, as ROS is slow to import
 
     workspace = config.getoption("--replay-workspace")
-    measured = Tolerance(config.getoption("--replay-relative"), config.getoption("--replay-absolute"))
-    tolerances = FieldTolerances(measured, field_tolerances(config.getoption("--replay-tolerance")))
+    tolerances = _tolerances(*(config.getoption(f"--replay-{name}") for name in ("relative", "absolute", "tolerance")))
     folder, plans = Path(workspace).resolve() if workspace else None, config.getoption("--replay-plans")
     settings = Settings(folder, tolerances=tolerances, plans=plans)
     for bag in bags:
@@ -96,22 +95,30 @@ def replayed(request: pytest.FixtureRequest) -> Iterator[str | None]:
     marker = request.node.get_closest_marker("replay")
     if marker is None or len(marker.args) != 1:
         raise pytest.UsageError("the fixture `replayed` needs a marker: @pytest.mark.replay(BAG, ...)")
-    from skiros2_bags.testing.field_tolerances import FieldTolerances, field_tolerances
     from skiros2_bags.testing.rerun import Settings, replay
 
     given = dict(marker.kwargs)
     workspace = given.pop("workspace", None)
-    measured = Tolerance(given.pop("relative", NARROW.relative), given.pop("absolute", NARROW.absolute))
+    measured = (given.pop("relative", NARROW.relative), given.pop("absolute", NARROW.absolute))
     settings = Settings(
         _file(request, workspace) if workspace is not None else None,
         frozenset(given.pop("played", ())),
-        FieldTolerances(measured, field_tolerances(given.pop("tolerances", ()))),
+        _tolerances(*measured, given.pop("tolerances", ())),
         plans=given.pop("plans", False),
     )
     if given:
         raise pytest.UsageError(f"marker replay: unknown {', '.join(given)}")
     found = replay(_file(request, marker.args[0]), settings)
     yield None if found.is_as_recorded else str(found)
+
+
+def _tolerances(relative: float, absolute: float, fields: Sequence[str]) -> FieldTolerances:
+    from skiros2_bags.testing.field_tolerances import FieldTolerances, field_tolerances
+
+    try:
+        return FieldTolerances(Tolerance(relative, absolute), field_tolerances(fields))
+    except ValueError as error:
+        raise pytest.UsageError(str(error)) from error
 
 
 def _file(request: pytest.FixtureRequest, name: str | Path) -> Path:

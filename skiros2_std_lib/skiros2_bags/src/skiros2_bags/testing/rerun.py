@@ -23,9 +23,10 @@ import actionlib
 import rospy
 
 from skiros2_bags.core.bag_file import BagError
+from skiros2_bags.core.diff import summary
 from skiros2_bags.core.run import check
 from skiros2_bags.testing.declared import Declared
-from skiros2_bags.testing.fake_action_clients import RECORDER_LAG, RecordedActions
+from skiros2_bags.testing.fake_action_clients import LAG, RECORDER_LAG, RecordedActions
 from skiros2_bags.testing.field_tolerances import FieldTolerances
 from skiros2_bags.testing.orders import WINDOW, Ordering, alternatives
 from skiros2_bags.testing.plans import PlanComparison, compare_plans, recorded_plans
@@ -48,7 +49,7 @@ from skiros2_bags.testing.recording import (
     recorded_tasks,
     tick_times,
 )
-from skiros2_bags.testing.rerun_task import RerunManager, RerunTask, pushed_by
+from skiros2_bags.testing.rerun_task import RerunManager, RerunTask, pushed_by, written_by
 from skiros2_bags.testing.stored import read_stored
 from skiros2_bags.testing.writes import WriteDifference, Writes
 from skiros2_common.core.operations import Change
@@ -153,16 +154,16 @@ def rerun(recording: Recording, settings: Settings) -> ReplayResult:
     best = _attempt(recording, runs, settings, ordering)
     orders = 1
     others = alternatives(recording, ordering, best.event)
-    while best.divergence is not None and orders < settings.max_orders and (other := next(others, None)):
+    while best.divergence is not None and orders < settings.max_orders:
+        is_late = not best.late <= ordering.late
+        other = replace(ordering, late=ordering.late | best.late) if is_late else next(others, None)
+        if other is None:
+            break
         orders += 1
         found = _attempt(recording, runs, settings, other)
-        if found.divergence is None or found.event.order > best.event.order:
+        if found.divergence is None or found.event.order > best.event.order or is_late:
             best, ordering = found, other
             others = alternatives(recording, ordering, best.event)
-    while best.divergence is not None and not best.late <= ordering.late:
-        orders += 1
-        ordering = replace(ordering, late=ordering.late | best.late)
-        best = _attempt(recording, runs, settings, ordering)
     plans, not_planned = PlanComparison(), list[str]()
     if settings.plans:
         plans = compare_plans(recording, settings.workspace)
@@ -297,12 +298,20 @@ class RerunPass:
         return None
 
     def _follows_played(self, event: WorldChange) -> bool:
-        return event.time - self.managers[event.change.author].played_ended_at <= WINDOW
+        """Whether a played primitive may have made a change, and the recorder of a busy machine received it later."""
+        manager = self.managers[event.change.author]
+        lag = event.time - manager.played_ended_at
+        runs = (run for run in self._recorded if run.manager == manager.name)
+        return lag <= WINDOW or (
+            lag <= LAG and any(summary(event.change) in written_by(run, manager.is_played) for run in runs)
+        )
 
     @property
     def late(self) -> list[int]:
         """The orders of changes that were not made, and that played primitives may have made; see `Ordering.late`."""
-        return [event.order for event in self._maybe_late if event in self._writes.waiting]
+        differs = self._writes.difference  # a later change of the element was taken for it
+        other = differs.event if differs is not None else None
+        return [event.order for event in self._maybe_late if event in self._writes.waiting or event is other]
 
     def end(self) -> Divergence | None:
         """Compares what is missing at the end. Returns a divergence; None without one."""

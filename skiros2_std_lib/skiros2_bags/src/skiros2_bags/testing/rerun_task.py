@@ -372,6 +372,13 @@ def pushed_by(run: RecordedTask, has_label: Callable[[str], bool]) -> frozenset[
     return frozenset(found)
 
 
+def written_by(run: RecordedTask, has_label: Callable[[str], bool]) -> frozenset[str]:
+    """Returns what nodes of a recorded task with some labels have requested of the world model."""
+    paths = _paths(run, has_label)
+    texts = (name for path, kind, name, _ in run.evidence or () if kind == "write" and path in paths)
+    return frozenset(each for text in texts for each in text.split(", "))
+
+
 def _paths(run: RecordedTask, has_label: Callable[[str], bool]) -> set[str]:
     """Returns the paths of the nodes of a recorded task with some labels, as in its evidence."""
     shapes = {id(each.frame.shape): each.frame.shape for each in run.progress}.values()

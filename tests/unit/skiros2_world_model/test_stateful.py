@@ -22,6 +22,7 @@ from skiros2_world_model.core.local_world_model import LocalWorldModel, source_o
 from skiros2_world_model.core.replica import Replica, Snapshot
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.world_model import WorldModel
+from support.full_disk import full_disk
 from support.lab import LAB
 from support.scene_model import SceneModel, full
 from support.world_model_machine import (
@@ -297,16 +298,14 @@ class Kept(InProcess):
     def request_that_cannot_be_kept(self, data: st.DataObject) -> None:
         """What the journal cannot write is refused, and all is as it was."""
         operations = [self.draw_operation(data, []) for _ in range(data.draw(st.integers(1, 3)))]
-        self.journal._file.writer.execute("PRAGMA query_only=1")
         try:
-            self.transact(operations)
+            with full_disk(self.journal):
+                self.transact(operations)
         except Refused as refused:
             named = [*self.culprits(operations), f"journal {self.journal_file} cannot be written"]
             assert any(name in str(refused) for name in named), refused
         else:
             assert self.scene.after(operations).comparable() == self.scene.comparable()
-        finally:
-            self.journal._file.writer.execute("PRAGMA query_only=0")
 
     @invariant()
     def the_reasoner_has_seen_all(self) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sqlite3
 import time
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +20,7 @@ from skiros2_common.core.operations import ONTOLOGY, SCENE
 from skiros2_common.core.property import Property, same_value
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.formatting import format_element, format_relation, format_values, summary
+from skiros2_world_model.core.journal import include_log
 from skiros2_world_model.core.journal_file import read_meta, read_only
 
 #: A point of the history: the number of a change (int), or a time (float, s since the epoch).
@@ -184,10 +185,12 @@ class History:
     """Reads the journal of a world model, which need not be running.
 
     :param path: the file of the journal.
+    :param flush: has all requests so far written to it; None: those that a killed world model has left.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, flush: Callable[[], None] | None = None) -> None:
         self._path = path
+        self._flush = flush or (lambda: include_log(path))
 
     def changes(
         self,
@@ -258,6 +261,7 @@ class History:
     @contextmanager
     def _connection(self, context: str, eid: str = "") -> Iterator[sqlite3.Connection]:
         """Opens a connection that sees one state of the journal; checks that the context and element are known."""
+        self._flush()
         try:
             with closing(read_only(self._path)) as db:
                 db.execute("BEGIN")

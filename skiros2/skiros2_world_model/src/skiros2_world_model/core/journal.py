@@ -3,10 +3,7 @@
 A killed world model recovers from it with the same elements and ids, the same session, and continuing change numbers.
 Past states stay in the journal for queries of the history (`core/history.py`) until the retention limits are reached.
 
-An update writes four pages: the element, its past state, the index of past states, the request. Of its time, SQLite
-takes 72 % (commit 35 %, past state 19 %, begin 11 %, the rest 7 %), and the JSON of the element 14 %. A single row,
-which writes one page, takes a fifth of the whole. A log of single rows, merged into the tables later, has not been
-tried: the file has one writer, so that requests would wait for the merge.
+Changes of scenes are written to a log first (`core/request_log.py`), everything else to the tables directly.
 """
 
 from __future__ import annotations
@@ -14,15 +11,16 @@ from __future__ import annotations
 import sqlite3
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager, nullcontext
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from skiros2_common.core.changeset import ChangeInfo, ChangeSet, ElementRecord, read_record, record_json
+from skiros2_common.core.changeset import ChangeInfo, ElementRecord, read_record, record_json
 from skiros2_common.core.collector import collector_paused
 from skiros2_common.core.errors import ConfigurationError, Refused
 from skiros2_common.core.operations import ONTOLOGY
 from skiros2_world_model.core.journal_file import JournalFile, Retention, read_meta, read_only
+from skiros2_world_model.core.request_log import RequestLog, RequestPart
 from skiros2_world_model.core.scene import Scene
 
 #: When a world model recovers from its journal: after it was killed, always, or never.
@@ -62,41 +60,43 @@ class Journal:
             options = f"{KILLED}, {ALWAYS} or {NEVER}"
             raise ConfigurationError(f"journal {path}: journal_recover is {recover!r}, expected {options}")
         self.path = path
-        self._full_sync = full_sync
         #: The number of the last change; valid after `restore`.
         self.last = 0
         self._origin = origin
         self._recover = recover
         self._file = JournalFile(path, full_sync)
-        self._next_numbers: dict[str, int] = {}
-        self._shared: sqlite3.Connection | None = None  # within `together`
-        self._retention = Retention(self._file, days, max_bytes)
+        self._log = RequestLog(self._file, _merge)
+        self._retention = Retention(self._file, days, max_bytes, self.flush)
 
     @property
     def full_sync(self) -> bool:
         """Whether each request is synced to disk. It may be set at any time, by any thread."""
-        return self._full_sync
+        return self._file.full_sync
 
     @full_sync.setter
     def full_sync(self, wanted: bool) -> None:
-        if wanted != self._full_sync:
-            self._file.set_full_sync(wanted)
-            self._full_sync = wanted
+        self._file.set_full_sync(wanted)
 
     # -- start and end -----------------------------------------------------------------------------------------
 
     def restore(self) -> JournalState | None:
-        """Returns the state to recover, or None when the world model must `start`. Call it first."""
+        """Returns the state to recover, or None when the world model must `start`. Call it first.
+
+        :raises Refused: the journal cannot be written.
+        """
         state = None
         db = self._file.writer
         try:
+            if wanted := self._should_recover(db):
+                self._file.check()
+            self._log.recover()
             found = db.execute("SELECT last FROM request ORDER BY number DESC LIMIT 1").fetchone()
             self.last = found[0] if found is not None else 0
-            if self._should_recover(db):
-                self._file.check()
-                state = read_state(db)
-        except (sqlite3.DatabaseError, LookupError, SyntaxError, TypeError, ValueError) as error:
-            self._file.start_over(error)
+            state = read_state(db) if wanted else None
+        except (Refused, sqlite3.DatabaseError, LookupError, SyntaxError, TypeError, ValueError) as error:
+            if isinstance(error.__cause__, sqlite3.OperationalError):
+                raise  # such as a full disk, on which the log cannot be merged
+            self._start_over(error)
         if state is not None:
             self._retention.start()
         return state
@@ -115,7 +115,7 @@ class Journal:
             cause = error.__cause__
             if not isinstance(cause, sqlite3.DatabaseError) or isinstance(cause, sqlite3.OperationalError):
                 raise
-            self._file.start_over(cause)
+            self._start_over(cause)
             self._start(session, change_info, contents)
         self._retention.start()
 
@@ -128,32 +128,34 @@ class Journal:
         self._retention.stop()
         try:
             if clean:
+                self._log.merge()
                 with self._file.transaction() as db:
                     _set_meta(db, state=_ENDED)
         finally:
+            self._log.close()
             self._file.close()
 
     # -- writing -----------------------------------------------------------------------------------------------
 
-    @contextmanager
-    def together(self) -> Iterator[None]:
-        """One transaction for all requests within the block: all are written, or none.
+    def write(self, parts: Sequence[tuple[ChangeInfo, int, str, Scene]]) -> None:
+        """Writes one request to the log, all parts or none. The scenes have its changes already.
+
+        :param parts: the first change of each part, the number of its last one, its context and scene.
+        :raises Refused: the journal cannot be written.
+        """
+        self._retention.count_request()
+        self._log.append([RequestPart.of(*part) for part in parts])
+
+    def flush(self) -> None:
+        """Waits until the tables have all requests so far. Any thread.
 
         :raises Refused: the journal cannot be written.
         """
-        done = False
-        try:
-            with self._file.transaction() as self._shared:
-                yield
-            done = True
-        finally:
-            self._shared = None
-            if not done:
-                self._next_numbers.clear()
+        self._log.merge()
 
     @contextmanager
     def request(self, change_info: ChangeInfo, last: int, action: str, context: str) -> Iterator[JournalWriter]:
-        """A transaction that writes one request.
+        """A transaction that writes one request to the tables.
 
         :param change_info: its first change.
         :param last: the number of its last change.
@@ -161,22 +163,18 @@ class Journal:
         :raises Refused: the journal cannot be written.
         """
         self._retention.count_request()
-        done = False
-        try:
-            with nullcontext(self._shared) if self._shared is not None else self._file.transaction() as db:
-                yield JournalWriter(db, change_info, self._next_numbers)
-                number, stamp, author = _columns(change_info)
-                db.execute(_REQUEST, (number, last, stamp, author, action, context))
-            done = True
-        finally:
-            if not done:
-                self._next_numbers.clear()  # the transaction was rolled back
+        self._log.merge()
+        with self._file.transaction() as db:
+            yield JournalWriter(db, change_info)
+            db.execute(_REQUEST, (change_info.version, last, change_info.stamp, change_info.author, action, context))
+        self._log.note(change_info.version)
 
     def write_file(self, context: str, file: str) -> None:
         """Records the file of a context.
 
         :raises Refused: the journal cannot be written.
         """
+        self._log.merge()  # the context may be new
         with self._file.transaction() as db:
             db.execute("UPDATE context SET file=? WHERE name=?", (file, context))
 
@@ -193,6 +191,12 @@ class Journal:
     def get_meta(self, key: str) -> str:
         """The text stored under a key; "" when there is none."""
         return str(read_meta(self._file.writer, _META_PREFIX + key) or "")
+
+    def _start_over(self, cause: Exception) -> None:
+        self._log.close()
+        self._file.start_over(cause)
+        self._log = RequestLog(self._file, _merge)
+        self._log.recover()
 
     def _start(self, session: str, change_info: ChangeInfo, contents: Sequence[Content]) -> None:
         with self.request(change_info, change_info.version, "start", "") as writer:
@@ -295,12 +299,25 @@ def recorded_state(path: Path) -> JournalState:
 
     :raises ConfigurationError: the journal cannot be read.
     """
+    include_log(path)
     try:
         with closing(read_only(path)) as db:
             db.execute("BEGIN")
             return read_state(db)
     except (sqlite3.DatabaseError, LookupError, SyntaxError, TypeError, ValueError) as error:
         raise ConfigurationError(f"journal {path} cannot be read: {error}") from None
+
+
+def include_log(path: Path) -> None:
+    """Merges what a killed world model has left in the log of its journal; one that runs does so itself."""
+    log = Path(f"{path}-log")
+    if log.is_file() and log.stat().st_size:
+        with (
+            suppress(ConfigurationError),
+            closing(JournalFile(path, timeout=0.0)) as file,
+            closing(RequestLog(file, _merge)) as requests,
+        ):
+            requests.recover()
 
 
 def is_recoverable(path: Path, origin: str) -> bool:
@@ -339,14 +356,12 @@ class JournalWriter:
     """Writes the rows of one request.
 
     :param change_info: the first change of the request.
-    :param next_numbers: a cache of the recorded id numbers of the contexts.
     """
 
-    def __init__(self, db: sqlite3.Connection, change_info: ChangeInfo, next_numbers: dict[str, int]) -> None:
+    def __init__(self, db: sqlite3.Connection, change_info: ChangeInfo) -> None:
         self.db = db
         self._number = change_info.version
         self._columns = _columns(change_info)
-        self._next_numbers = next_numbers
 
     def clear(self, context: str = "") -> None:
         """Moves the content of a context to the past; with "" that of all contexts, and deletes the contexts."""
@@ -356,7 +371,6 @@ class JournalWriter:
             self.db.execute(f"DELETE FROM {table} {where}", names)
         if not context:
             self.db.execute("DELETE FROM context")
-            self._next_numbers.clear()
 
     def replace_context(self, context: str, scene: Scene, extras: Iterable[str], file: str) -> None:
         """Replaces the content of a context. The records keep their last change.
@@ -364,7 +378,7 @@ class JournalWriter:
         :param extras: its extra triples, as N-Triples.
         """
         self.clear(context)
-        self._context(context, scene)
+        self.context(context, scene.next_number)
         self.db.execute("UPDATE context SET file=? WHERE name=?", (file, context))
         number = self._number
         elements = ((context, r.id, number, *_columns(r.change_info), record_json(r)) for r in scene)
@@ -374,17 +388,15 @@ class JournalWriter:
         statements = ((context, triple, number) for triple in extras)
         self.db.executemany("INSERT OR IGNORE INTO statement VALUES (?,?,1,?)", statements)
 
-    def write(self, context: str, scene: Scene, changes: ChangeSet) -> None:
-        """Writes the changes of a scene, which has them already."""
-        self._context(context, scene)
-        for eid, (_, after) in changes.records.items():
-            self._element(context, eid, None if after is None else record_json(after))
-        for relation, added in changes.relations.items():
-            self._relation((context, *relation), added)
-        for eid in changes.ids() if changes.relations else ():
-            if eid not in changes.records and eid in scene:
-                row = (*self._columns, context, eid)
-                self.db.execute(f"UPDATE element SET made=?, stamp=?, author=? {_THE_ELEMENT}", row)
+    def write(self, part: RequestPart) -> None:
+        """Writes the changes of a scene."""
+        for eid, content in part.elements:
+            self._element(part.context, eid, content)
+        for *relation, added in part.relations:
+            self._relation((part.context, *relation), added)
+        for eid in part.touched:
+            row = (*self._columns, part.context, eid)
+            self.db.execute(f"UPDATE element SET made=?, stamp=?, author=? {_THE_ELEMENT}", row)
 
     def ontology(self, removed: Iterable[str], added: Iterable[str]) -> None:
         """Writes removed and added triples of the ontologies, given as N-Triples."""
@@ -398,12 +410,10 @@ class JournalWriter:
 
     # -- rows --------------------------------------------------------------------------------------------------
 
-    def _context(self, name: str, scene: Scene) -> None:
-        number = scene.next_number
-        if self._next_numbers.get(name) != number:
-            row = "INSERT INTO context VALUES (?, '', ?)"
-            self.db.execute(f"{row} ON CONFLICT (name) DO UPDATE SET next_number=excluded.next_number", (name, number))
-            self._next_numbers[name] = number
+    def context(self, name: str, number: int) -> None:
+        """Writes the lowest unused id number of a context, which is created when it does not exist."""
+        row = "INSERT INTO context VALUES (?, '', ?)"
+        self.db.execute(f"{row} ON CONFLICT (name) DO UPDATE SET next_number=excluded.next_number", (name, number))
 
     def _element(self, context: str, eid: str, content: str | None) -> None:
         number, key = self._number, (context, eid)
@@ -421,6 +431,18 @@ class JournalWriter:
             self.db.execute("INSERT OR IGNORE INTO relation VALUES (?,?,?,?,?)", (*key, number))
         elif self.db.execute(_END["relation"] + _THE_RELATION, (number, *key)).rowcount:
             self.db.execute(f"DELETE FROM relation {_THE_RELATION}", key)
+
+
+def _merge(db: sqlite3.Connection, requests: Sequence[Sequence[RequestPart]]) -> None:
+    """Writes requests of the log to the tables."""
+    contexts: dict[str, tuple[JournalWriter, int]] = {}
+    for part in (part for parts in requests for part in parts):
+        writer = JournalWriter(db, ChangeInfo(part.number, part.stamp, part.author))
+        writer.write(part)
+        contexts[part.context] = writer, part.next_number
+        db.execute(_REQUEST, (part.number, part.last, part.stamp, part.author, "change", part.context))
+    for context, (writer, number) in contexts.items():
+        writer.context(context, number)
 
 
 def _columns(change_info: ChangeInfo) -> tuple[int, float, str]:

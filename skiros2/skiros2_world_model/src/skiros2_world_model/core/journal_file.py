@@ -66,16 +66,17 @@ class JournalFile:
 
     :param path: created, with its folder, when it does not exist. A damaged or foreign file is moved aside.
     :param full_sync: syncs every commit to disk.
+    :param timeout: how long to wait for the end of another server (s); None: some seconds.
     :raises ConfigurationError: another server uses the journal, or it cannot be created.
     """
 
-    def __init__(self, path: Path, full_sync: bool = False) -> None:
+    def __init__(self, path: Path, full_sync: bool = False, timeout: float | None = None) -> None:
         self.path = path
         self.writing = threading.Lock()
-        self._full_sync = full_sync
+        self.full_sync = full_sync
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._lock = own_file(path)
+            self._lock = own_file(path, timeout)
         except OSError as error:
             raise ConfigurationError(f"journal {path}: {error.strerror or error}") from None
         try:
@@ -87,14 +88,20 @@ class JournalFile:
             self.writer = self._move_aside(error)
 
     def set_full_sync(self, full_sync: bool) -> None:
-        """Syncs every further commit to disk, or no longer. The first one also syncs those before. Any thread."""
+        """Syncs every further commit to disk, or no longer; those before are synced at once. Any thread.
+
+        :raises Refused: the journal cannot be written.
+        """
         with self.writing:
-            self._full_sync = full_sync
+            self.full_sync = full_sync
             self.writer.execute(self._synchronous)
+        if full_sync:
+            with self.transaction() as db:
+                db.execute("UPDATE meta SET value=value WHERE key='state'")
 
     @property
     def _synchronous(self) -> str:
-        return f"PRAGMA synchronous={'FULL' if self._full_sync else 'NORMAL'}"
+        return f"PRAGMA synchronous={'FULL' if self.full_sync else 'NORMAL'}"
 
     def check(self) -> None:
         """Checks the integrity of the whole file.
@@ -140,7 +147,7 @@ class JournalFile:
 
     def _move_aside(self, cause: Exception) -> sqlite3.Connection:
         aside = f"{self.path}.damaged-{time.strftime('%Y%m%d-%H%M%S')}"
-        for ending in ("", "-wal", "-shm"):
+        for ending in ("", "-wal", "-shm", "-log"):
             if os.path.exists(f"{self.path}{ending}"):
                 os.replace(f"{self.path}{ending}", f"{aside}{ending}")
         log.error("journal %s cannot be used (%s): moved it to %s and created a new one", self.path, cause, aside)
@@ -216,6 +223,7 @@ class Retention:
 
     :param days: the retention period (days); 0: unlimited.
     :param max_bytes: the maximum size of the content.
+    :param merge: writes what waits to the tables.
     :param clock, monotonic: the time since the epoch, and a clock that nobody sets (s).
     """
 
@@ -224,6 +232,7 @@ class Retention:
         file: JournalFile,
         days: float,
         max_bytes: int,
+        merge: Callable[[], None],
         clock: Callable[[], float] = time.time,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -233,6 +242,7 @@ class Retention:
         self._written: list[tuple[float, int]] = []  # when the newest request had which number (s, monotonic)
         self._days = days
         self._max_bytes = max_bytes
+        self._merge = merge
         self._requests = 0
         self._wake = threading.Event()
         self._stopped = threading.Event()
@@ -266,11 +276,12 @@ class Retention:
                 self._requests = 0
                 try:
                     self.prune()
-                except (sqlite3.Error, OSError) as error:
+                except (Refused, sqlite3.Error, OSError) as error:
                     log.error("journal %s: retention failed: %s", self._file.path, error)
 
     def prune(self) -> None:
         """Checkpoints the write-ahead log, prunes expired states, then the oldest ones until the size fits."""
+        self._merge()
         with closing(self._file.connect()) as db:
             db.execute("PRAGMA wal_checkpoint(PASSIVE)")
             if os.path.getsize(f"{self._file.path}-wal") > LOG_LIMIT:

@@ -165,7 +165,7 @@ class WorldModel:
         """
         if self._recorded is None:
             raise Refused("the world model has no journal, so its history is unknown")
-        return History(self._recorded)
+        return History(self._recorded, None if self._journal is None else self._journal.flush)
 
     def query(self, query: str, context: str = "", cut_prefix: bool = True, caller: str = "") -> list[str]:
         """Answers a SPARQL query with a text for each row.
@@ -235,11 +235,9 @@ class WorldModel:
         changed = [part for part in parts if part.pending]
         if self._journal is None or not changed:
             return
-        with self._journal.together() if len(changed) > 1 else nullcontext():
-            for part in changed:
-                last = part.change_info.version + len(part.pending) - 1
-                with self._journal.request(part.change_info, last, "change", part.context) as writer:
-                    writer.write(part.context, part.scene, part.scene.changes)
+        self._journal.write(
+            [(p.change_info, p.change_info.version + len(p.pending) - 1, p.context, p.scene) for p in changed]
+        )
 
     def _transact_visits(self) -> None:
         """Applies the requests that reasoners made beside the one that has ended."""

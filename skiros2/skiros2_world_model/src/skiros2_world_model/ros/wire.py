@@ -32,19 +32,6 @@ from skiros2_world_model.core.history import HistoryEntry, Point
 _OP = msgs.WmOperation
 
 
-def change2msg(change: Change) -> msgs.WmMonitor:
-    """Converts a change to a `WmMonitor`."""
-    return msgs.WmMonitor(
-        change.prev_snapshot_id,
-        change.snapshot_id,
-        genpy.Time.from_sec(change.stamp),
-        change.author,
-        change.action,
-        [element2msg(e) for e in change.elements],
-        [relation2msg(r) for r in change.relations],
-    )
-
-
 def msg2change(msg: msgs.WmMonitor, context: str) -> Change:
     """Converts a `WmMonitor` to a change."""
     return Change(

@@ -16,7 +16,19 @@ import rospy
 from skiros2_common.core.changeset import Relation
 from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError, UnknownName, WrongValue
-from skiros2_common.core.operations import RESET, SCENE, Add, Change, Operation, Outcome, Relate, Remove, Update
+from skiros2_common.core.operations import (
+    REMOVE,
+    REMOVE_RECURSIVE,
+    RESET,
+    SCENE,
+    Add,
+    Change,
+    Operation,
+    Outcome,
+    Relate,
+    Remove,
+    Update,
+)
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.node import spin
 from skiros2_common.ros.parameters import texts_param
@@ -30,7 +42,13 @@ from skiros2_world_model.core.reasoner_world_model import ReasonerWorldModel
 from skiros2_world_model.core.scene import ElementRecord
 from skiros2_world_model.core.validator import Validator
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.ros.element_answer import ElementAnswer, ElementBytes
+from skiros2_world_model.ros.element_answer import (
+    ChangeMessage,
+    ElementAnswer,
+    ElementBytes,
+    ModifyAnswer,
+    TransactionAnswer,
+)
 from skiros2_world_model.ros.last_will import LastWillService
 from skiros2_world_model.ros.ontology_server import (
     OntologyServices,
@@ -42,7 +60,7 @@ from skiros2_world_model.ros.ontology_server import (
     workspace_folder,
 )
 from skiros2_world_model.ros.service_pool import service_handler
-from skiros2_world_model.ros.wire import change2msg, entry2msg, msg2operation, msg2point
+from skiros2_world_model.ros.wire import entry2msg, msg2operation, msg2point
 
 log = logging.getLogger(__name__)
 
@@ -130,7 +148,7 @@ class WorldModelServer:
 
     def __init__(self, model: WorldModel) -> None:
         self._model = model
-        self._messages: weakref.WeakKeyDictionary[Change, msgs.WmMonitor] = weakref.WeakKeyDictionary()
+        self._messages: weakref.WeakKeyDictionary[Change, ChangeMessage] = weakref.WeakKeyDictionary()
         self._bytes = ElementBytes()
         self._monitor = ChangePublisher()
         with model.lock:
@@ -224,8 +242,9 @@ class WorldModelServer:
         outcome = self._model.transact(operations, request.author, request.context or SCENE)
         if request.action in (request.REMOVE, request.REMOVE_RECURSIVE):
             return srvs.WmModifyResponse(request.elements)
-        found = (self._model.reader.find(eid, request.context or SCENE) for eid in outcome.ids)
-        return srvs.WmModifyResponse([element2msg(e) for e in found if e is not None])
+        context = request.context or SCENE
+        found = (self._model.reader.find(eid, context) for eid in outcome.ids)
+        return ModifyAnswer([self._bytes.of(e, context) for e in found if e is not None])
 
     def _operation(self, request: srvs.WmModifyRequest, message: msgs.WmElement) -> Operation:
         if request.action == request.ADD:
@@ -243,7 +262,7 @@ class WorldModelServer:
     def _on_transaction(self, request: srvs.WmTransactionRequest) -> srvs.WmTransactionResponse:
         operations = _all_read(msg2operation, request.operations)
         outcome: Outcome = self._model.transact(operations, request.author, request.context or SCENE)
-        return srvs.WmTransactionResponse(outcome.ids, [self._message(c) for c in outcome.changes])
+        return TransactionAnswer(outcome.ids, [self._message(change) for change in outcome.changes])
 
     def _on_set_relation(self, request: srvs.WmSetRelationRequest) -> srvs.WmSetRelationResponse:
         relation = request.relation
@@ -269,19 +288,23 @@ class WorldModelServer:
     # -- publishing --------------------------------------------------------------------------------------------
 
     def _on_change(self, change: Change) -> None:
-        message = self._message(change)
+        message: msgs.WmMonitor = self._message(change)
         if change.action == RESET:  # a reader that has only the messages, such as a bag, starts from here
-            message.elements = self._scene()
+            stamp, names = message.stamp, (change.prev_snapshot_id, change.snapshot_id)
+            message = msgs.WmMonitor(*names, stamp, change.author, RESET, self._scene(), [])
         self._monitor.put(message)
 
     def _scene(self) -> list[msgs.WmElement]:
         scene = self._model.scene()
         return [_scene_element(record, scene.relations(record.id)) for record in scene]
 
-    def _message(self, change: Change) -> msgs.WmMonitor:
+    def _message(self, change: Change) -> ChangeMessage:
         message = self._messages.get(change)
         if message is None:
-            message = self._messages[change] = change2msg(change)
+            # Removed elements are as they were, with the relations that were removed: no state to keep.
+            context = "" if change.action in (REMOVE, REMOVE_RECURSIVE) else change.context
+            parts = [self._bytes.of(element, context) for element in change.elements]
+            message = self._messages[change] = ChangeMessage(change, parts)
         return message
 
 

@@ -148,8 +148,10 @@ def test_log_names_tasks_by_their_skills(open_page: Any) -> None:
 def test_two_clicks_open_one_new_job(open_page: Any) -> None:
     page = open_page("operate")
     page.wait_for_selector("#new-job")
-    page.evaluate("for (const _ of [1, 2]) document.querySelector('#new-job').click()")
-    page.wait_for_load_state("networkidle")
+    page.evaluate(
+        "(async () => { for (const _ of [1, 2]) document.querySelector('#new-job').click();"
+        " for (const _ of [1, 2]) await (await fetch('/api/work_masters')).json(); })()"
+    )
     playwright.expect(page.locator("dialog.job")).to_have_count(1)
 
 

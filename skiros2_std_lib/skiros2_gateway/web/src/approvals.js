@@ -62,6 +62,7 @@ export class ApprovalsView {
         fact("Starts again", what.retry && (what.retry.id ?? what.retry.skill)),
         fact("Parameters", parameters && h("span", { title: JSON.stringify(parameters) }, values(parameters))),
         fact("Digest", approval.digest.slice(0, 16))),
+      what.plan?.length === 0 ? h("p", {}, "Nothing to do: the goal holds already.") : "",
       ...[list("Plan", "ol", what.plan?.map((step) => [h("b", { title: JSON.stringify(step.arguments) }, step.label), " ",
         Object.values(step.arguments).map((id) => this.cell.name(id)).join(", "), h("span", { class: "dim" }, ` ${step.robot.slice(1)}`)])),
       list("Expected changes", "ul", what.changes?.map((line) => h("span", { title: line }, names(line))))].flat().filter(Boolean),

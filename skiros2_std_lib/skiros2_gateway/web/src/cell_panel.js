@@ -15,6 +15,7 @@ const JOB_METHODS = {
   Interrupted: ["resume", "stop"], Ended: ["clear"], Aborted: ["clear"],
 };
 const JOB_ORDER = ["Running", "Interrupted", "AllowedToStart", "NotAllowedToStart", "Ended", "Aborted"];
+const GONE = ["dropped", "failed", "stopped"]; // steps that another plan has replaced
 const MOVES = { earlier: "↑", later: "↓" };
 export const GOALS = "goals"; // the robot of runs that are goals
 
@@ -144,7 +145,8 @@ export class CellPanel {
     const goal = this.cell.document.goals[job.id];
     const steps = Object.values(goal?.steps ?? {});
     const done = steps.filter((step) => step.state === "succeeded").length;
-    const progress = goal?.plan.length ? `step ${Math.min(done + 1, goal.plan.length)} of ${goal.plan.length}` : (goal?.phase ?? "");
+    const count = goal?.plan.filter(({ number }) => !GONE.includes(goal.steps[number]?.state)).length;
+    const progress = count ? `step ${Math.min(done + 1, count)} of ${count}` : (goal?.phase ?? "");
     const took = response.started ? `took ${duration(response.ended - response.started)}` : "";
     const doing = state === "Running" ? progress : took || job.id;
     const { sentence, details } = hasFailed(job) ? causeOfJob(response, (text) => this.cell.withLabels(text)) : { sentence: doing, details: doing };

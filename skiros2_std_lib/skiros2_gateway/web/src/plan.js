@@ -87,7 +87,7 @@ export class PlanView {
       place(row.actual, percent(known.began), percent(end));
       row.title = `${step.label}: ${known.state}, ${duration(end - known.began)}, planned ${duration(step.end - step.start)}`
         + (known.message ? `\n${known.message}` : "");
-      setText(row.actual, duration(end - known.began).replace(" ", "\u00a0")); // a text in two parts would be cut
+      setText(row.took, duration(end - known.began));
     });
   }
 
@@ -121,5 +121,6 @@ function makeStep() {
   const part = (name, tag = "span") => (row[name] = h(tag, { class: name }));
   row.append(h("span", { class: "step-title" }, part("label"), part("names"), part("robot")),
     h("span", { class: "track" }, part("planned"), part("actual")));
+  row.actual.append((row.took = h("span")));
   return row;
 }

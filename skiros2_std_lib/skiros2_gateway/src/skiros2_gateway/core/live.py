@@ -177,6 +177,8 @@ class LiveView:
     def _show_entries(self, table: str, entries: Mapping[str, Any], is_whole: bool) -> None:
         if is_whole:
             self.replace(table, entries)
+            if table == "elements":
+                self._name_goals()
             return
         for key, value in entries.items():
             self.put(table, key, value)
@@ -259,6 +261,13 @@ class LiveView:
             return None
         what = {key: value for key, value in data["what"].items() if key not in ("preview", "failure")}
         return {**data, "what": what, "title": self.cell.sentence(what["goal"]) if "goal" in what else ""}
+
+    def _name_goals(self) -> None:
+        """Makes the titles of jobs and approvals again: elements that they name may have come after them."""
+        for job_id, job in list(self._document["jobs"].items()):
+            self.put("jobs", job_id, {**job, "title": self.cell.sentence(job["goal"])})
+        for approval_id, approval in list(self._document["approvals"].items()):
+            self.put("approvals", approval_id, self._approval(approval))
 
     def _fill_up(self, service: Service) -> None:
         """Shows jobs that have waited out of sight, when there is room for half of them."""

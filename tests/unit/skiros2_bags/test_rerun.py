@@ -85,6 +85,26 @@ def test_goal_may_be_recorded_after_the_first_change_of_its_task() -> None:
     assert found.is_as_recorded, found
 
 
+def test_change_of_others_after_that_of_a_tick_was_not_seen_by_it() -> None:
+    recording = Recording(BAGS / "simulated_disturbed.bag")
+    changed = [(e, e.change.elements[0]) for e in recording.changes if e.change.elements]
+    placed = next(
+        event
+        for event, element in changed
+        if event.change.author in recording.managers
+        and element.id == "skiros:Product-14"
+        and element.property_view["skiros:BaseFrameId"].value == "demo:Tray-12"
+    )
+    seen = [(e, x) for e, x in changed if e.order < placed.order and x.id == "rparts:GripperEffector-4"]
+    event, gripper = seen[-1]
+    gripper = gripper.copy()
+    gripper.setProperty("skiros:PositionZ", 2.0)  # the product would be placed there
+    moved = replace(event, order=placed.order + 0.5, change=replace(event.change, elements=(gripper,)))
+    late = [replace(e, time=e.time + 0.1) if e.order > placed.order else e for e in recording.events]
+    recording.events = sorted([*late, moved], key=lambda event: event.order)
+    assert rerun(recording, SIMULATED).divergence is None
+
+
 @pytest.mark.parametrize("lost", [1, 2])
 def test_feedback_may_be_lost_before_the_client_knows_its_goal(gripper: Recording, lost: int) -> None:
     """actionlib drops answers that arrive before `send_goal` has returned; the recorder has them."""

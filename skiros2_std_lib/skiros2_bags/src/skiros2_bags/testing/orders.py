@@ -55,6 +55,8 @@ def alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterato
     """Yields alternative orderings near an event, the most likely first."""
     if not isinstance(at, TaskProgress):
         return
+    if later := _after_own_change(recording, at) - dict(ordering.orders).keys():
+        yield replace(ordering, orders=(*ordering.orders, *((order, at.order + 0.5) for order in sorted(later))))
     causes = [ordering]
     if at.order not in ordering.preempting and any(node.code == PREEMPTED for node in at.frame.nodes.values()):
         causes.insert(0, replace(ordering, preempting=ordering.preempting | {at.order}))
@@ -82,6 +84,16 @@ def alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterato
     yield from shifted[2:]
     if ordering.counts:
         yield replace(ordering, counts=False)
+
+
+def _after_own_change(recording: Recording, at: TaskProgress) -> set[int]:
+    """Returns the orders of changes by others that a tick has not seen, as they came after its own first change: the
+    world model publishes all changes in their order. A busy machine takes long for a tick.
+    """
+    before = max((e.order for e in recording.progress if e.run is at.run and e.order < at.order), default=0)
+    changes = [e for e in recording.changes if before < e.order < at.order]
+    own = min((e.order for e in changes if e.change.author == at.run.robot), default=at.order)
+    return {e.order for e in changes if e.order > own and e.change.author != at.run.robot}
 
 
 def _early_feedback(recording: Recording, at: TaskProgress) -> Iterator[list[int]]:

@@ -82,6 +82,9 @@ async def fill(gateway: Any) -> None:
         gateway.cell.run(job_id)
         gateway.cell.end(job_id, outcome, message)
         await gateway.collected(job_id)
+    station = Caller("station", Role.OPERATE, "opcua")
+    measured = {"id": "m-1", "job": "order-2", "description": "Weighing", "values": {"weight": 0.4}}
+    await gateway.service.receive(station, measured)
     await gateway.put("order-4", work_master="place", parameters={"Tray": "Tray-1"})
     gateway.cell.run("order-4")
     await gateway.put("order-5", work_master="place", parameters={"Tray": "Tray-1"}, priority=3)

@@ -133,7 +133,7 @@ def test_job_is_found_and_opened(open_page: Any) -> None:
     page.fill("#find-job", "ORDER-2")
     rows.click()
     details = page.locator("dialog.job-details")
-    for text in ("pick: expected a held part", "order-2", "Tray-1", "collected"):
+    for text in ("pick: expected a held part", "order-2", "Tray-1", "collected", "Weighing weight 0.4"):
         expect(details).to_contain_text(text)
     page.keyboard.press("Escape")
     expect(details).to_have_count(0)

@@ -3,7 +3,7 @@
 const ROLES = { Running: "running", Interrupted: "paused", Ended: "success", Aborted: "failure" };
 const WORDS = { NotAllowedToStart: "stored", AllowedToStart: "queued", Running: "running", Interrupted: "interrupted" };
 const EVENTS = { Store: "stored", StoreAndStart: "ordered", Start: "may start", RevokeStart: "may not start yet", Update: "changed",
-  loaded: "is next", accepted: "started", collected: "results collected" };
+  loaded: "is next", accepted: "started", collected: "results collected", ReceiveJobResponse: "response received" };
 const REACHED = new Set(["", "succeeded", "nothing_to_do"]);
 
 export const hasFailed = ({ state, response }) => response.outcome !== "cancelled" && (state === "Aborted" || !REACHED.has(response.outcome));

@@ -88,6 +88,8 @@ export async function openJob(cell, id) {
       h("span", { class: "dim" }, ` ${step.robot.slice(1)} ${states[step.number]?.state ?? ""}`),
       states[step.number]?.message && h("div", { class: "dim" }, cell.withLabels(states[step.number].message))])),
     list("Notes", "ul", response.notes),
+    list("Responses of others", "ul", job.received.map(({ id, author, time: at, description, states, values }) => [h("span", { class: "dim" }, `${time(at)} `),
+      h("b", {}, description || id), ` ${[...states, ...Object.entries(values).map((each) => each.join(" "))].join(", ")}`, h("span", { class: "dim" }, ` ${author}`)])),
     list("History", "ul", history.map((entry) => [h("span", { class: "dim" }, `${time(entry.time)} `), eventWord(entry.method), " ",
       h("span", { class: "dim" }, `${entry.author}${entry.comment ? `: ${entry.comment}` : ""}`)])),
     list("Changes", "ul", response.changes.flatMap(change)));

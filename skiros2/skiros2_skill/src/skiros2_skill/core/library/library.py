@@ -271,7 +271,8 @@ class SkillLibrary:
 
     def _matching(self, stype: str, label: str) -> list[Implementation]:
         found = [i for i in self._by_type.get(stype, ()) if not label or i.label == label]
-        self._by_name[stype, label] = found
+        if found:  # requests with unknown names leave nothing
+            self._by_name[stype, label] = found
         return found
 
     def _named(self, stype: str, label: str) -> list[Implementation]:

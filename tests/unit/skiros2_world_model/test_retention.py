@@ -53,7 +53,7 @@ def test_the_size_stays_bounded_under_updates(start: Start, tmp_path: Path) -> N
             sizes.append([(tmp_path / name).stat().st_size for name in ("wm.journal", "wm.journal-wal")])
     assert max(size for size, _ in sizes) < 3 * bound  # what is written between two looks comes on top
     assert sizes[-1][0] <= sizes[2][0] * 1.1
-    assert sizes[-1][1] <= sizes[2][1] * 1.1  # the log begins anew after each look
+    assert sizes[-1][1] <= sizes[2][1] * 1.5  # SQLite writes its log from the start after each look
     kept = wm.history(element.id)
     assert 200 < len(kept) < 1000
     assert kept[-1].after[0].value_of("Note").startswith("4999 ")

@@ -37,7 +37,7 @@ def cluster(folder: Path, count: int = 2) -> Iterator[Any]:
 
 @contextmanager
 def lone_worker(found: Any, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """One more worker, whom no other process watches."""
+    """One more worker that no other process watches."""
     options = ["--no-nanny", "--nthreads", "1", "--local-directory", str(folder)]
     command = [sys.executable, "-m", "dask", "worker", found.scheduler_address, *options]
     count = len(found.scheduler.workers) + 1

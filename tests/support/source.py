@@ -14,7 +14,7 @@ from support.packages import ROOT, package_folders
 PACKAGES = {name: folder for name, folder in package_folders().items() if (ROOT / folder / "src").is_dir()}
 #: The window is divided by subject instead of by layer: the folder `widgets` of a subject holds its Qt widgets, the
 #: folder `ros` its ROS adapters, and every other module of a subject is a core.
-WINDOW_SUBJECTS = ("app", "skills", "run", "world", "goal", "learning", "teach", "view3d")
+WINDOW_SUBJECTS = ("app", "skills", "run", "world", "goal", "learning", "teach", "view3d", "approvals")
 
 
 @dataclass(frozen=True)

@@ -272,6 +272,15 @@ def test_viewer_reads_and_does_not_answer_and_a_rejected_plan_does_not_run(page:
     assert "rejected" not in cell.jobs()
 
 
+def test_agent_learns_the_reason_of_a_rejection_on_the_page(page: Any, cell: JobCell) -> None:
+    _log_in(page, TOKENS["approve"])
+    execution = _tool(cell, "execute", cell.order("refused", 1, 1))
+    page.click("#approvals")
+    page.fill("[data-field=reason]", "the store is being cleaned")
+    page.click("[data-action=reject]")
+    assert "approve has rejected it: the store is being cleaned" in execution.result(60.0)["detail"]
+
+
 def test_ended_session_shows_the_login(page: Any, cell: JobCell) -> None:
     _log_in(page, TOKENS["operate"])
     playwright.expect(page.locator("#connection")).to_have_text("live")

@@ -151,6 +151,8 @@ class LocalSystem:
         self.planner: Planner | None = None
         self.signals = LocalSignals()
         self.simulator: Simulator | None = None
+        #: The address of a gateway; "": there is none.
+        self.gateway = ""
         #: The argument of the last `set_movable`.
         self.movable = ""
         self._wm.add_listener(self._on_change)
@@ -199,6 +201,9 @@ class LocalSystem:
 
     def set_movable(self, eid: str) -> None:
         self.movable = eid
+
+    def gateway_address(self) -> str:
+        return self.gateway
 
     def close(self) -> None:
         self._wm.remove_listener(self._on_change)

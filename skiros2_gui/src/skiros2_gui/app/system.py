@@ -163,6 +163,9 @@ class System(Protocol):
     def set_movable(self, eid: str) -> None:
         """Lets views outside the window (rviz) move this element; "" for none."""
 
+    def gateway_address(self) -> str:
+        """Returns the address of the cell's gateway (REST); "" if none has run. Blocks: for jobs only."""
+
     def close(self) -> None:
         """Disconnects. Does not block."""
 

@@ -39,13 +39,14 @@ export class ApprovalsView {
     const names = (text) => this.cell.withNames(text);
     const answer = (word) => async () => {
       for (const each of element.answers.children) each.disabled = true;
-      const body = { digest: approval.digest };
+      const body = { digest: approval.digest, reason: reason.value };
       if (!(await notify(request(`/api/approvals/${approval.id}/${word}`, body))))
         for (const each of element.answers.children) each.disabled = false;
     };
     const element = h("section", { class: "approval" });
+    const reason = h("input", { maxlength: 1000, placeholder: "Reason, for the agent", "aria-label": "Reason of the answer", "data-field": "reason" });
     element.left = h("span", { class: "dim" });
-    element.answers = h("div", { class: "buttons" },
+    element.answers = h("div", { class: "buttons" }, reason,
       h("button", { type: "button", class: "small", "data-action": "reject", onclick: answer("reject") }, "Reject"),
       h("button", { type: "button", class: "small primary", "data-action": "approve", onclick: answer("approve") }, "Approve"));
     const fact = (name, value) => value && h("div", {}, h("dt", {}, name), h("dd", {}, value));

@@ -23,6 +23,9 @@ from skiros2_world_model.core.world_model_client import WorldModelClient
 #: s.
 TIMEOUT = 2.0
 
+#: The parameter with the address of the gateway.
+GATEWAY = "gateway/address"
+
 
 class _Transport(xmlrpc.client.Transport):
     """An XML-RPC transport with a timeout."""
@@ -98,6 +101,15 @@ class RosSystem:
         self._movable = eid
         if self._connections is not None:
             self._connections.markers.set_movable(eid)
+
+    def gateway_address(self) -> str:
+        if not self._master.is_up:
+            return ""
+        try:
+            name = rosgraph.names.ns_join(rosgraph.names.get_ros_namespace(), GATEWAY)
+            return str(rosgraph.Master("/skiros_gui").getParam(name))
+        except (*XMLRPC_ERRORS, rosgraph.MasterException):
+            return ""
 
     def close(self) -> None:
         self._ended.set()

@@ -49,6 +49,7 @@ from skiros2_gui.app.widgets.stop_bar import StopBar
 from skiros2_gui.app.widgets.stop_control import StopControl, TallTabBar
 from skiros2_gui.app.widgets.theme import is_dark, tint
 from skiros2_gui.app.window import Window
+from skiros2_gui.approvals.widgets.dialog import ApprovalsButton
 from skiros2_gui.learning.widgets.tab import LearningTab
 from skiros2_gui.run.widgets.tab import RunTab
 from skiros2_gui.skills.widgets.tab import SkillsTab
@@ -225,6 +226,8 @@ class MainWidget(QWidget):
         self._on_keys(QKeySequence(QKeySequence.Find), lambda: self.tab.find())
         self.error_bar = ErrorBar(self.shared.problems)
         self.status = StatusLine(self.shared)
+        self.approvals = ApprovalsButton(self.shared, self)
+        self.status.add(self.approvals)
         self.stop_bar = StopBar(self.shared)
         calls = {LOAD: partial(self._in_world_tab, WorldTab.load), ADD: partial(self._in_world_tab, WorldTab.add)}
         self.next_step = NextStepBar(self.shared, calls)
@@ -291,6 +294,7 @@ class MainWidget(QWidget):
         self._collector.close()
         self.stop_control.close_timer()
         self.next_step.close_timer()
+        self.approvals.close_timer()
         self._bridge.close()
         for page in self.pages:
             try:

@@ -58,6 +58,10 @@ class StatusLine(QWidget):
         window.subscribe(ManagersChanged, lambda _: self.show_parts())
         self.show_parts()
 
+    def add(self, widget: QWidget) -> None:
+        """Adds a widget at the end of the line."""
+        self._row.addWidget(widget)
+
     def set_dark(self, dark: bool) -> None:
         """Switches between the dark and the light theme."""
         self._is_dark = dark

@@ -15,7 +15,7 @@ from fastapi import APIRouter, Body, Request, Response
 from mcp import types
 from mcp.server import Server
 from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_gateway.agents.calls import Calls, until_gone
@@ -36,11 +36,15 @@ _INSTRUCTIONS = (
 )
 
 
-class _Read(BaseModel):
-    """The digest of the request that a person has read."""
+class _Answer(BaseModel):
+    """The digest of the request that a person has read, and why they answer so, which the agent learns."""
 
     model_config = ConfigDict(extra="forbid")
     digest: str = ""
+    reason: str = Field("", max_length=1000)
+
+
+_NO_REASON = _Answer()
 
 
 class AgentServer:
@@ -95,7 +99,7 @@ class AgentServer:
             service: ServiceArg,
             approval_id: str,
             answer: str,
-            body: Annotated[_Read | None, Body()] = None,
+            body: Annotated[_Answer | None, Body()] = None,
         ) -> dict[str, Any]:
             """Approves or rejects what an agent asks for: answers approve and reject.
 
@@ -103,9 +107,10 @@ class AgentServer:
             """
             if answer not in ("approve", "reject"):
                 raise UnknownName(f"there is no answer {answer!r}; there are: approve, reject")
-            digest = body.digest if body is not None else ""
-            with service.audited(caller, answer, f"{approval_id} {digest}".strip(), Role.APPROVE):
-                return service.approvals.answer(caller, approval_id, answer == "approve", digest).to_dict()
+            given = body or _NO_REASON
+            with service.audited(caller, answer, f"{approval_id} {given.digest}".strip(), Role.APPROVE):
+                approvals, is_approved = service.approvals, answer == "approve"
+                return approvals.answer(caller, approval_id, is_approved, given.digest, given.reason).to_dict()
 
         return router
 

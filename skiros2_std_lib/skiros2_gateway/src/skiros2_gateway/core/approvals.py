@@ -96,7 +96,7 @@ class Approval:
 class _Open:
     approval: Approval
     caller: Caller
-    answer: asyncio.Future[tuple[str, bool]]
+    answer: asyncio.Future[tuple[str, bool, str]]
 
 
 class Approvals:
@@ -132,14 +132,14 @@ class Approvals:
             raise Refused(f"{own} requests of {caller.user}, {len(self._open)} in all, wait for an answer already")
         now = time.time()
         approval = Approval(secrets.token_hex(8), caller.user, asked, now, now + self._timeout)
-        answer: asyncio.Future[tuple[str, bool]] = asyncio.get_running_loop().create_future()
+        answer: asyncio.Future[tuple[str, bool, str]] = asyncio.get_running_loop().create_future()
         self._open[approval.id] = _Open(approval, caller, answer)
         self._events.publish("approval", approval.to_dict())
         ending, text = Ending.WITHDRAWN, "withdrawn: the client has gone"
         try:
-            user, is_approved = await asyncio.wait_for(answer, self._timeout)
-            ending = Ending.APPROVED if is_approved else Ending.REJECTED
-            text = f"{ending} by {user}"
+            user, is_approved, why = await asyncio.wait_for(answer, self._timeout)
+            ending, because = Ending.APPROVED if is_approved else Ending.REJECTED, f": {why}" if why else ""
+            text = f"{ending} by {user}{because}"
         except TimeoutError:
             ending, text = Ending.EXPIRED, f"nobody has approved it within {self._timeout:g} s"
             raise Refused(text) from None
@@ -150,13 +150,16 @@ class Approvals:
             self._open.pop(approval.id, None)
             self._events.publish("approval", {"id": approval.id, "ended": ending, "text": text})
         if not is_approved:
-            raise Refused(f"{user} has rejected it")
+            raise Refused(f"{user} has rejected it{because}")
         return user
 
-    def answer(self, caller: Caller, approval_id: str, is_approved: bool, digest: str = "") -> Approval:
+    def answer(
+        self, caller: Caller, approval_id: str, is_approved: bool, digest: str = "", reason: str = ""
+    ) -> Approval:
         """Approves or rejects a request. Check the role before.
 
         :param digest: of what the person has read; "": not compared.
+        :param reason: of the person, for the agent.
         :raises UnknownName: no request with this id is open.
         :raises Denied: the caller is not a person, or is the one who asks.
         :raises Conflict: the request has another digest.
@@ -173,7 +176,7 @@ class Approvals:
         if answer.done():
             raise UnknownName(f"approval {approval_id} has just ended")
         del self._open[approval_id]
-        answer.set_result((caller.user, is_approved))
+        answer.set_result((caller.user, is_approved, reason.strip()))
         return approval
 
     def withdraw(self, is_revoked: Callable[[Caller], bool]) -> None:

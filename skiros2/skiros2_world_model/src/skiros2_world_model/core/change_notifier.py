@@ -70,25 +70,36 @@ class ChangeNotifier:
 
         :param change_info: that of the request's first change.
         """
-        return [self._publish(change, change_info, context, scene) for change in pending]
+        changes = self.number_changes(pending, change_info, context, scene)
+        for change in changes:
+            self.notify(change)
+        return changes
 
-    def _publish(self, pending: PendingChange, change_info: ChangeInfo, context: str, scene: Scene) -> Change:
-        current = (scene.element(eid) for eid in pending.ids)
-        elements = (*pending.elements, *(element for element in current if element is not None))
-        relations = tuple(relation_dict(*relation) for relation in pending.relations)
-        before = self.snapshot_id
-        self.number += 1
+    def number_changes(
+        self, pending: Iterable[PendingChange], change_info: ChangeInfo, context: str, scene: Scene
+    ) -> list[Change]:
+        """Numbers the changes of one request, in order, for `notify`; parameters as for `publish`."""
+        return [self._number(change, change_info, context, scene) for change in pending]
+
+    def notify(self, change: Change) -> None:
+        """Notifies the listeners of a numbered change."""
         local_revision.advance()
-        stamp, author = change_info.stamp, change_info.author
-        change = Change(
-            self.number, before, self.snapshot_id, stamp, author, pending.action, context, elements, relations
-        )
         for listener in list(self._listeners):
             try:
                 listener(change)
             except Exception:
                 log.exception("a listener failed on change %s; the change is kept", change.snapshot_id)
-        return change
+
+    def _number(self, pending: PendingChange, change_info: ChangeInfo, context: str, scene: Scene) -> Change:
+        current = (scene.element(eid) for eid in pending.ids)
+        elements = (*pending.elements, *(element for element in current if element is not None))
+        relations = tuple(relation_dict(*relation) for relation in pending.relations)
+        before = self.snapshot_id
+        self.number += 1
+        stamp, author = change_info.stamp, change_info.author
+        return Change(
+            self.number, before, self.snapshot_id, stamp, author, pending.action, context, elements, relations
+        )
 
 
 def pending_changes(

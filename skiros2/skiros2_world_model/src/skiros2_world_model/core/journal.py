@@ -20,7 +20,7 @@ from skiros2_common.core.collector import collector_paused
 from skiros2_common.core.errors import ConfigurationError, Refused
 from skiros2_common.core.operations import ONTOLOGY
 from skiros2_world_model.core.journal_file import JournalFile, Retention, read_meta, read_only
-from skiros2_world_model.core.request_log import RequestLog, RequestPart
+from skiros2_world_model.core.request_log import LogLine, RequestLog, RequestPart
 from skiros2_world_model.core.scene import Scene
 
 #: When a world model recovers from its journal: after it was killed, always, or never.
@@ -43,7 +43,7 @@ class Journal:
     :param recover: when the world model recovers: `KILLED`, `ALWAYS` or `NEVER`.
     :param days: the retention period of past states (days); 0: unlimited.
     :param max_bytes: the maximum size; the oldest past states are pruned when it is exceeded. The current state stays.
-    :param full_sync: syncs to disk in every request, so that a power failure loses no change.
+    :param full_sync: syncs each `write` to disk, so that a power failure loses no change.
     :raises ConfigurationError: another world model uses the journal, or it cannot be created.
     """
 
@@ -137,14 +137,14 @@ class Journal:
 
     # -- writing -----------------------------------------------------------------------------------------------
 
-    def write(self, parts: Sequence[tuple[ChangeInfo, int, str, Scene]]) -> None:
-        """Writes one request to the log, all parts or none. The scenes have its changes already.
+    def write(self, lines: Sequence[LogLine]) -> None:
+        """Writes requests to the log, all or none, with one sync.
 
-        :param parts: the first change of each part, the number of its last one, its context and scene.
         :raises Refused: the journal cannot be written.
         """
-        self._retention.count_request()
-        self._log.append([RequestPart.of(*part) for part in parts])
+        for _ in lines:
+            self._retention.count_request()
+        self._log.append(lines)
 
     def flush(self) -> None:
         """Waits until the tables have all requests so far. Any thread.

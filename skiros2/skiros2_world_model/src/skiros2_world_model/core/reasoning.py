@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner
@@ -24,6 +24,10 @@ log = logging.getLogger(__name__)
 _STOP_TIMEOUT = 2.0
 
 
+#: A call of `parse`.
+Offer = tuple[DiscreteReasoner, str, Element]
+
+
 class Reasoning:
     """The loaded reasoners. Used under the world model's lock, except `execute`, `stop` and `stopped`.
 
@@ -40,7 +44,7 @@ class Reasoning:
         self.parse_lock = threading.RLock()
         self.is_parsing = False
         self._stopping = threading.RLock()
-        self._offered: list[tuple[DiscreteReasoner, str, Element]] = []  # the calls of `parse` in the current request
+        self._offered: list[Offer] = []  # in the current request
         self._present: list[Visit] = []  # visits whose changes are in the scene, during one `parse`
         self._visits: list[Visit] = []
 
@@ -101,7 +105,7 @@ class Reasoning:
     def offer(self, scene: Scene, transaction: Transaction) -> None:
         """Has every reasoner parse each element that a transaction adds, updates or removes.
 
-        The changes that reasoners make to elements become part of the transaction. Call `commit` or `undo` afterwards.
+        The changes that reasoners make to elements become part of the transaction. Call `take_offered` afterwards.
 
         :raises Refused: a reasoner rejects a change.
         """
@@ -137,13 +141,18 @@ class Reasoning:
         visits, self._visits = self._visits, []
         return visits
 
-    def commit(self) -> None:
-        """Ends the request after its commit."""
-        self._offered = []
+    @property
+    def has_visits(self) -> bool:
+        """Whether there are requests to apply before the next one."""
+        return bool(self._visits)
 
-    def undo(self, scene: Scene) -> None:
-        """Ends the request after a roll-back: has the reasoners parse the inverse of each change."""
+    def take_offered(self) -> list[Offer]:
+        """Ends the request. Returns what the reasoners have parsed, for `undo`."""
         offered, self._offered = self._offered, []
+        return offered
+
+    def undo(self, scene: Scene, offered: Sequence[Offer]) -> None:
+        """Has the reasoners parse the inverse of each change, after a roll-back."""
         with self.parse_lock:
             for reasoner, action, element in reversed(offered):
                 before = scene.element(element.id)

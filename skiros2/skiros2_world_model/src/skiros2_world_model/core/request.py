@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from skiros2_common.core.changeset import UNKNOWN, ChangeInfo
-from skiros2_common.core.operations import SCENE, UPDATE, Operation
-from skiros2_world_model.core.change_notifier import PendingChange, pending_changes
+from skiros2_common.core.changeset import UNKNOWN, ChangeInfo, ChangeSet, ElementRecord
+from skiros2_common.core.operations import SCENE, UPDATE, Change, Operation, Outcome
+from skiros2_world_model.core.change_notifier import ChangeNotifier, PendingChange, pending_changes
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.context import Contexts
 from skiros2_world_model.core.ontology import Ontology
-from skiros2_world_model.core.reasoning import Reasoning
-from skiros2_world_model.core.scene import Scene
+from skiros2_world_model.core.reasoning import Offer, Reasoning
+from skiros2_world_model.core.request_log import LogLine
+from skiros2_world_model.core.scene import Scene, apply
 from skiros2_world_model.core.transaction import Transaction
 
 
@@ -28,11 +29,23 @@ class Part:
     scene: Scene
     pending: list[PendingChange] = field(default_factory=list)
     change_info: ChangeInfo = UNKNOWN
+    _committed: ChangeSet = field(default_factory=ChangeSet)
+    _touched: list[ElementRecord] = field(default_factory=list)  # before, elements of which only relations changed
 
     def commit(self) -> None:
+        """Ends the transaction of the scene."""
         if not self.pending:
             self.scene.roll_back()  # nothing changed: restore the versions of the elements, too
-        self.scene.commit(self.change_info)
+        changes, records = self.scene.changes, map(self.scene.record, self.scene.changes.ids())
+        self._touched = [r for r in records if r is not None and r.id not in changes.records]
+        self._committed = self.scene.commit(self.change_info)
+
+    def revert(self) -> None:
+        """Undoes `commit`. Nothing may have changed since."""
+        apply(self._committed.inverse(), self.scene)
+        for record in self._touched:
+            self.scene.replace(record.id, record)
+        self.scene.recent.add(self._committed.ids())  # other threads may have looked up what was undone
 
 
 class Request:
@@ -56,31 +69,58 @@ class Request:
         self._transactions: dict[str, Transaction] = {}  # by context
         #: The parts, that of the requested context first; valid after `apply`.
         self.parts: list[Part] = []
+        #: The numbered changes, and the line for the journal (None: nothing changed); valid after `commit`.
+        self.changes: list[Change] = []
+        self.line: LogLine | None = None
+        self._ids: list[str] = []
+        self._is_committed = False
+        self._offered: list[Offer] = []
 
     @property
     def renamed(self) -> list[tuple[str, str]]:
         """The requested and the assigned ids of elements whose number was taken."""
         return [pair for transaction in self._transactions.values() for pair in transaction.renamed]
 
-    def apply(self, operations: Sequence[Operation], context: str) -> list[str]:
-        """Applies the operations and returns the id that each affected. Call `roll_back` after an exception.
+    @property
+    def outcome(self) -> Outcome:
+        """The result; valid after `commit`."""
+        return Outcome(self._ids, self.changes)
+
+    def apply(self, operations: Sequence[Operation], context: str) -> None:
+        """Applies the operations. Call `roll_back` after an exception.
 
         :raises SkirosError: an operation is refused.
         """
-        ids = self._apply(operations, context)
+        self._ids = self._apply(operations, context)
         for name, done in self._transactions.items():
             scene, pending = self._scene(name), [PendingChange(UPDATE)]
             if name == SCENE:
                 pending = pending_changes(scene.changes, done.updated, done.related, done.removed_recursively)
             self.parts.append(Part(name, scene, pending))
-        return ids
+
+    def commit(self, notifier: ChangeNotifier) -> None:
+        """Numbers the changes and commits the scenes. Nothing is written or published. As `apply` when it raises.
+
+        :raises Refused: the changes cannot be written to a journal.
+        """
+        self.line = numbered_line(self.parts, notifier, self._author)
+        for part in self.parts:
+            part.commit()
+            self.changes += notifier.number_changes(part.pending, part.change_info, part.context, part.scene)
+        self._is_committed = True
+        self._offered = self._reasoning.take_offered()
 
     def roll_back(self) -> None:
-        """Undoes everything."""
-        for name in self._transactions:
-            self._scene(name).roll_back()
+        """Undoes everything, also what is committed, if nothing has changed since."""
+        if self._is_committed:
+            for part in self.parts:
+                part.revert()
+        else:
+            self._offered = self._reasoning.take_offered()
+            for name in self._transactions:
+                self._scene(name).roll_back()
         if SCENE in self._transactions:
-            self._reasoning.undo(self._scene(SCENE))
+            self._reasoning.undo(self._scene(SCENE), self._offered)
         for name in set(self._contexts) - self._existing:
             del self._contexts[name]
 
@@ -106,3 +146,18 @@ class Request:
 
     def _scene(self, context: str) -> Scene:
         return self._contexts.named(context).scene
+
+
+def numbered_line(parts: Sequence[Part], notifier: ChangeNotifier, author: str) -> LogLine | None:
+    """Numbers the parts of a request. Returns its line for the journal; None when nothing changed.
+
+    :raises Refused: the changes cannot be written to a journal.
+    """
+    number = notifier.number
+    for part in parts:
+        part.change_info = notifier.next(author, number)
+        number += len(part.pending)
+    changed = [part for part in parts if part.pending]
+    if not changed:
+        return None
+    return LogLine.of((p.change_info, p.change_info.version + len(p.pending) - 1, p.context, p.scene) for p in changed)

@@ -16,7 +16,7 @@ import os
 import sqlite3
 import threading
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -66,6 +66,28 @@ class RequestPart(NamedTuple):
         )
 
 
+class LogLine(NamedTuple):
+    """A request as a line of the log, without the number of the request before it."""
+
+    parts: list[RequestPart]
+    text: str
+
+    @staticmethod
+    def of(parts: Iterable[tuple[ChangeInfo, int, str, Scene]]) -> LogLine:
+        """Encodes a request.
+
+        :param parts: the arguments of `RequestPart.of` for each part.
+        :raises Refused: a text of it is not Unicode.
+        """
+        found = [RequestPart.of(*part) for part in parts]
+        try:
+            text = _encode(found)
+            text.encode()
+        except ValueError as error:
+            raise Refused(f"the request cannot be written to the journal: {error}; it is refused") from error
+        return LogLine(found, text)
+
+
 Merge = Callable[[sqlite3.Connection, Sequence[Sequence[RequestPart]]], None]
 
 _encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), check_circular=False).encode
@@ -74,7 +96,8 @@ _encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), check_circ
 class RequestLog:
     """The log beside a journal, and the thread that merges it.
 
-    With the journal's `full_sync`, each line is synced to disk. `append` and `note` are called by one thread at a time.
+    With the journal's `full_sync`, each `append` ends with a sync to disk. `append` and `note` are called by one thread
+    at a time.
 
     :param merge: writes requests to the tables.
     """
@@ -115,23 +138,28 @@ class RequestLog:
         self.merge()
         self._thread.start()
 
-    def append(self, parts: list[RequestPart]) -> None:
-        """Writes a request. Does not wait for the tables, unless the last merge has failed or too many requests wait.
+    def append(self, lines: Sequence[LogLine]) -> None:
+        """Writes requests, all or none, with one sync.
+
+        Does not wait for the tables, unless the last merge has failed or too many requests wait.
 
         :raises Refused: the log cannot be written.
         """
         if self._failed or len(self._waiting) >= _MAX_WAITING:
             self.merge()
+        newest, content = self._newest, b""
+        for line in lines:
+            text = f"[{newest},{line.text}]".encode()
+            content += b"%08x %s\n" % (zlib.crc32(text), text)
+            newest = line.parts[-1].number
         try:
-            text = _encode([self._newest, parts]).encode()
-            line = b"%08x %s\n" % (zlib.crc32(text), text)
             with self._appending:
-                self._write(line)
-                self._size += len(line)
-                self._waiting.append(parts)
-        except (OSError, UnicodeError, ValueError) as error:
+                self._write(content)
+                self._size += len(content)
+                self._waiting += [line.parts for line in lines]
+        except OSError as error:
             raise Refused(f"journal {self._file.path} cannot be written: {error}; the request is refused") from error
-        self._newest = parts[-1].number
+        self._newest = newest
         if not self._wake.is_set():
             self._wake.set()
 
@@ -164,16 +192,16 @@ class RequestLog:
                 os.close(self._fd)
             self._fd = -1
 
-    def _write(self, line: bytes) -> None:
+    def _write(self, content: bytes) -> None:
         if self._fd < 0:
             raise OSError("it is closed")
         try:
-            if os.pwrite(self._fd, line, self._size) < len(line):
+            if os.pwrite(self._fd, content, self._size) < len(content):
                 raise OSError("no space left")
             if self._file.full_sync:
                 os.fdatasync(self._fd)
         except OSError:
-            with suppress(OSError):  # else the next line is written over it
+            with suppress(OSError):  # else the next one is written over it
                 os.ftruncate(self._fd, self._size)
             raise
 

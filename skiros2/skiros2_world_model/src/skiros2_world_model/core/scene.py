@@ -273,7 +273,7 @@ class Scene:
 
     def removal(self, eid: str) -> ChangeInfo | None:
         """The change that removed an element; None when it exists or its removal is unknown."""
-        return self._removals.get(eid)
+        return None if eid in self._records else self._removals.get(eid)
 
     def inherit_removals(self, before: Scene, change_info: ChangeInfo | None) -> None:
         """Takes the removals of a scene that a change (None: unknown) replaces by this one."""

@@ -6,6 +6,7 @@ import logging
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 
 import pyoxigraph as ox
@@ -40,7 +41,8 @@ from skiros2_world_model.core.queries import SceneReader
 from skiros2_world_model.core.rdf import parse_n_triples, workspace_file, write_file
 from skiros2_world_model.core.reasoning import Reasoning
 from skiros2_world_model.core.report import Finding
-from skiros2_world_model.core.request import Part, Request
+from skiros2_world_model.core.request import Part, numbered_line
+from skiros2_world_model.core.request_batch import Batch, Transact
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.transaction import template_element
 from skiros2_world_model.core.triple_store import TripleStore
@@ -198,46 +200,45 @@ class WorldModel:
         :param context: created when it does not exist.
         :raises SkirosError: an operation is refused; nothing has changed.
         """
+        [result] = self.transact_all([(list(operations), author, context)])
+        if isinstance(result, Exception):
+            raise result
+        return result
+
+    @property
+    def syncs(self) -> bool:
+        """Whether each request waits for the disk, so that `GroupCommit` saves time."""
+        return self._journal is not None and self._journal.full_sync
+
+    def transact_all(self, requests: Sequence[Transact]) -> list[Outcome | Exception]:
+        """Applies requests in order, each all or none; the journal writes them together.
+
+        A request is checked against the state that those before it lead to, and nothing is published before all are
+        written. When that fails, it fails for all that were not refused, and all are rolled back.
+
+        :returns: for each request its outcome, or why it was refused.
+        """
+        results: list[Outcome | Exception] = []
         with self.lock:
-            try:
-                return self._transact(list(operations), author, context)
-            finally:
+            while len(results) < len(requests):
+                results += self._transact_next(requests[len(results) :])
                 self._transact_visits()
+        return results
 
-    def _transact(self, operations: Sequence[Operation], author: str, context: str) -> Outcome:
-        if len(operations) == 1 and isinstance(operations[0], Relate):
-            src = self._full(operations[0].src)
-            home = self._contexts.home(src, context)
-            if not home and self.ontology.individual(src) is not None:
-                return self._relate_individual(operations[0], author)
-            context = home or context
-        request = Request(self._contexts, self.ontology, self.reasoning, lambda: self.checks(author), author)
-        try:
-            ids = request.apply(operations, context)
-            self._number_and_log(request.parts, author)
-        except Exception:
-            request.roll_back()
-            raise
-        for part in request.parts:
-            part.commit()
-        self.reasoning.commit()
-        for wanted, assigned in request.renamed:
-            log.warning("%s: the number of %s is taken; the element was added as %s", author, wanted, assigned)
-        changes = [self._notifier.publish(p.pending, p.change_info, p.context, p.scene) for p in request.parts]
-        return Outcome(ids, [change for of_part in changes for change in of_part])
-
-    def _number_and_log(self, parts: Sequence[Part], author: str) -> None:
-        """Numbers the parts of a request and writes them to the journal, all or none."""
-        number = self.number
-        for part in parts:
-            part.change_info = self._notifier.next(author, number)
-            number += len(part.pending)
-        changed = [part for part in parts if part.pending]
-        if self._journal is None or not changed:
-            return
-        self._journal.write(
-            [(p.change_info, p.change_info.version + len(p.pending) - 1, p.context, p.scene) for p in changed]
-        )
+    def _transact_next(self, requests: Sequence[Transact]) -> list[Outcome | Exception]:
+        """Applies as many of the first requests as can be written together."""
+        batch = Batch(self._contexts, self.reasoning, self._notifier, self._journal)
+        for operations, author, context in requests:
+            if len(operations) == 1 and isinstance(operations[0], Relate):
+                src = self._full(operations[0].src)
+                home = self._contexts.home(src, context)
+                if not home and self.ontology.individual(src) is not None:
+                    return batch.finish() or [self._relate_individual(operations[0], author)]
+                context = home or context
+            batch.apply(operations, author, context, self.ontology, partial(self.checks, author))
+            if self.reasoning.has_visits:
+                break
+        return batch.finish()
 
     def _transact_visits(self) -> None:
         """Applies the requests that reasoners made beside the one that has ended."""
@@ -397,7 +398,9 @@ class WorldModel:
             try:
                 self.reasoning.complete(scene, [reasoner])
                 part = Part(SCENE, scene, pending_changes(scene.changes))
-                self._number_and_log([part], reasoner.__class__.__name__)
+                line = numbered_line([part], self._notifier, reasoner.__class__.__name__)
+                if self._journal is not None and line is not None:
+                    self._journal.write([line])
             except Exception:
                 scene.roll_back()
                 raise
@@ -406,12 +409,15 @@ class WorldModel:
 
     # -- helpers -----------------------------------------------------------------------------------------------
 
-    def _relate_individual(self, relation: Relate, author: str) -> Outcome:
+    def _relate_individual(self, relation: Relate, author: str) -> Outcome | Exception:
         """Adds or removes a relation of an individual of the ontologies."""
         src, pred, dst = self._full(relation.src), full_name(self._full(relation.pred)), self._full(relation.dst)
         if not self._contexts.home(dst) and self.ontology.individual(dst) is None:
-            raise UnknownName(f"{author}: {src} {pred} {dst}: there is no element or individual {dst!r}")
-        return Outcome([src], self.modify([(src, pred, dst, relation.value)], author))
+            return UnknownName(f"{author}: {src} {pred} {dst}: there is no element or individual {dst!r}")
+        try:
+            return Outcome([src], self.modify([(src, pred, dst, relation.value)], author))
+        except Exception as error:
+            return error
 
     def _full(self, name: str) -> str:
         return self.knowledge_base.prefixes.name(name) if is_iri(name) else name

@@ -36,6 +36,7 @@ from skiros2_common.ros.reasoners import new_reasoners
 from skiros2_common.ros.utils import element2msg, msg2element, relation2msg
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
+from skiros2_world_model.core.group_commit import GroupCommit
 from skiros2_world_model.core.last_will import LastWillStore
 from skiros2_world_model.core.queries import no_element
 from skiros2_world_model.core.reasoner_world_model import ReasonerWorldModel
@@ -148,6 +149,7 @@ class WorldModelServer:
 
     def __init__(self, model: WorldModel) -> None:
         self._model = model
+        self._commit = GroupCommit(model)
         self._messages: weakref.WeakKeyDictionary[Change, ChangeMessage] = weakref.WeakKeyDictionary()
         self._bytes = ElementBytes()
         self._monitor = ChangePublisher()
@@ -239,7 +241,7 @@ class WorldModelServer:
         if request.action not in known:
             raise WrongValue(f"unknown action {request.action!r}; known: {', '.join(known)}")
         operations = _all_read(lambda element: self._operation(request, element), request.elements)
-        outcome = self._model.transact(operations, request.author, request.context or SCENE)
+        outcome = self._commit.transact(operations, request.author, request.context or SCENE)
         if request.action in (request.REMOVE, request.REMOVE_RECURSIVE):
             return srvs.WmModifyResponse(request.elements)
         context = request.context or SCENE
@@ -261,13 +263,13 @@ class WorldModelServer:
 
     def _on_transaction(self, request: srvs.WmTransactionRequest) -> srvs.WmTransactionResponse:
         operations = _all_read(msg2operation, request.operations)
-        outcome: Outcome = self._model.transact(operations, request.author, request.context or SCENE)
+        outcome: Outcome = self._commit.transact(operations, request.author, request.context or SCENE)
         return TransactionAnswer(outcome.ids, [self._message(change) for change in outcome.changes])
 
     def _on_set_relation(self, request: srvs.WmSetRelationRequest) -> srvs.WmSetRelationResponse:
         relation = request.relation
         operation = Relate(relation.subjectId, relation.predicate, relation.objectId, request.value)
-        self._model.transact([operation], request.author)
+        self._commit.transact([operation], request.author)
         return srvs.WmSetRelationResponse(True)
 
     def _on_load_and_save(self, request: srvs.WoLoadAndSaveRequest) -> srvs.WoLoadAndSaveResponse:

@@ -80,6 +80,39 @@ def test_killed_robot_lowers_the_oee_also_after_a_restart(cell: Cell) -> None:
     assert cell.store.figures()[FigureKey(ROBOT, "failures", "pick")] == 1
 
 
+@pytest.mark.parametrize("messages", [1, 2])
+def test_task_of_a_robot_that_was_silent_is_no_failure(cell: Cell, messages: int) -> None:
+    cell.run(*pick_and_place(task_id=2))
+    cell.document.apply(ManagerConnection(ROBOT, False))
+    cell.now += 100.0
+    cell.figures.write()
+    assert cell.store.figures()[FigureKey(ROBOT, "failures", "pick")] == 1
+    cell.document.apply(ManagerConnection(ROBOT, True))
+    ends = [pick_and_place(task_id=2), pick_and_place(SUCCESS, SUCCESS, task_id=2, state=SUCCESS, code=1)]
+    for nodes in ends[-messages:]:
+        nodes[0].progress_time = cell.now + 100.0 / messages - 7000.0
+        cell.run(*nodes, seconds=100.0 / messages)
+        cell.figures.write()
+    found = cell.store.figures()
+    of_pick = [found.get(FigureKey(ROBOT, kind, "pick"), 0.0) for kind in ("runs", "failures", "run_seconds")]
+    assert (of_pick, cell.counters["failed"], cell.counters["succeeded"]) == ([1, 0, 200.0], 0, 1)
+    assert report(cell.store, 0.0, 1e5)["robots"][0]["quality"] == 1.0
+
+
+def test_figures_after_a_return_in_a_later_hour_have_no_negative_numbers(cell: Cell) -> None:
+    cell.run(*pick_and_place(task_id=2))
+    cell.document.apply(ManagerConnection(ROBOT, False))
+    cell.figures.write()
+    cell.document.apply(ManagerConnection(ROBOT, True))
+    nodes = pick_and_place(task_id=2)
+    nodes[0].progress_time = 3650.0
+    cell.run(*nodes, seconds=3600.0)
+    cell.figures.write()
+    for begin in (0.0, 7200.0):
+        found = report(cell.store, begin, 1e5)
+        assert found["robots"][0]["failed"] == 0 and not found["skills"]
+
+
 def test_figures_of_a_period_are_summed(cell: Cell) -> None:
     for number in range(3):
         cell.run(*pick_and_place(task_id=number), seconds=3500.0)

@@ -65,6 +65,40 @@ def test_tasks_of_a_disconnected_robot_are_lost_and_count_as_failed(cell: CellDo
     assert cell.robots_data()[0]["counters"]["failed"] == 1
 
 
+def _aged(node: ProgressNode, seconds: float) -> ProgressNode:
+    """The message of a task that has run for that time."""
+    node.progress_time = seconds
+    return node
+
+
+@pytest.mark.parametrize("is_still_running", [True, False])
+def test_task_of_a_robot_that_was_silent_counts_as_what_it_ends_as(cell: CellDocument, is_still_running: bool) -> None:
+    record(cell, 1.0, root(1))
+    cell.apply(ManagerConnection(ROBOT, False))
+    [run] = cell.runs
+    assert (run.state, cell.robots_data()[0]["counters"]["failed"]) == (TaskState.LOST, 1)
+    cell.apply(ManagerConnection(ROBOT, True))
+    if is_still_running:
+        record(cell, 9.0, _aged(root(1), 8.0))
+        [robot] = cell.robots_data()
+        assert (run.state, robot["state"], robot["counters"]["failed"]) == (TaskState.RUNNING, "busy", 0)
+    record(cell, 10.0, _aged(root(1, SUCCESS, 1), 9.0))
+    assert (list(cell.runs), run.state) == ([run], TaskState.SUCCEEDED)
+    counters = cell.robots_data()[0]["counters"]
+    assert (counters["succeeded"], counters["failed"], counters["quality"]) == (1, 0, 1.0)
+
+
+def test_task_of_a_restarted_robot_does_not_continue_a_lost_one_with_its_number(cell: CellDocument) -> None:
+    record(cell, 1.0, root(1))
+    cell.apply(ManagerConnection(ROBOT, False))
+    cell.apply(ManagerConnection(ROBOT, True))
+    record(cell, 9.0, _aged(root(1), 0.5))
+    record(cell, 10.0, _aged(root(1, SUCCESS, 1), 1.5))
+    assert [run.state for run in cell.runs] == [TaskState.LOST, TaskState.SUCCEEDED]
+    counters = cell.robots_data()[0]["counters"]
+    assert (counters["succeeded"], counters["failed"]) == (1, 1)
+
+
 def test_task_that_ends_in_its_first_message_counts(cell: CellDocument) -> None:
     def counts() -> tuple[float, float]:
         counters = cell.robots_data()[0]["counters"]

@@ -173,11 +173,14 @@ class CellDocument:
         known = self.find(patch.manager, patch.task) if patch.nodes else None
         if known is not None and patch.stamp < known.latest.time and not has_ended(patch.nodes):
             return
+        was_lost = known is not None and known.is_lost
         recorded = self.runs.record(patch.manager, patch.nodes, patch.stamp)
         if recorded is None:
             return
         robot = self._robot(patch.manager)
-        has_counted = robot.follow(patch.nodes, is_new=recorded.run is not known)
+        has_returned = was_lost and recorded.run is known
+        robot.failed -= has_returned  # the robot was only silent
+        has_counted = robot.follow(patch.nodes, is_new=has_returned or recorded.run is not known) or has_returned
         self._publish(recorded)
         if (goal := self.goal_runs.step_recorded(recorded.run, patch.stamp)) is not None:
             self._steps.add(recorded.run)

@@ -27,6 +27,8 @@ class Runs:
         self._most_tasks = most_tasks
         self._runs: list[TaskRun] = []
         self._current: dict[tuple[str, int], TaskRun] = {}
+        #: The last lost task of each id.
+        self._lost: dict[tuple[str, int], TaskRun] = {}
         #: When the first message of each manager was received (s since the epoch).
         self._heard_since: dict[str, float] = {}
 
@@ -49,6 +51,8 @@ class Runs:
         root = nodes[0]
         key = (robot or root.robot, root.task_id)
         run = self._current.get(key)
+        if run is None and (lost := self._lost.pop(key, None)) is not None and lost.continues(nodes, time):
+            self._current[key] = run = lost
         if run is None or (run.latest.has_ended and not has_ended(nodes)):  # the id is used again
             run = TaskRun(*key, heard_since=self._heard_since.setdefault(key[0], time))
             self._current[key] = run
@@ -61,20 +65,23 @@ class Runs:
     def mark_lost(self, robot: str, *, may_return: bool = False) -> None:
         """Marks the running tasks of a manager that has disconnected as lost.
 
-        :param may_return: they continue with their next message, as ids are not used again. Otherwise later tasks
-            with their ids are new ones.
+        :param may_return: they continue with their next message, as ids are not used again. Otherwise one continues
+            only with a message of a task that began before its last one: the manager was silent, and has not restarted.
         """
         self._heard_since.pop(robot, None)
         for run in self._runs:
             if run.robot == robot:
-                run.is_lost = run.is_lost or not run.latest.has_ended
+                is_lost, run.is_lost = run.is_lost, run.is_lost or not run.latest.has_ended
                 if not may_return:
                     self._current.pop((robot, run.task_id), None)
+                    if run.is_lost and not is_lost:
+                        self._lost[robot, run.task_id] = run
 
     def clear_ended(self) -> None:
         """Removes the tasks that have ended."""
         self._runs = [run for run in self._runs if not run.is_finished]
         self._current = {(run.robot, run.task_id): run for run in self._runs}
+        self._lost.clear()
 
     def _make_room(self, used: TaskRun) -> None:
         ended = [run for run in self._runs if run.latest.has_ended and run is not used]

@@ -136,6 +136,13 @@ class TaskRun:
         """The state of the task."""
         return TaskState.LOST if self.is_lost and not self.latest.has_ended else self.latest.task_state
 
+    def continues(self, nodes: Sequence[NodeMessage], time: float) -> bool:
+        """Returns whether a message with this task's id is of a task that began before the last message of this one.
+
+        :param time: when it was received (s since the epoch).
+        """
+        return time - _age(nodes) <= self.latest.time
+
     def record(self, nodes: Sequence[NodeMessage], time: float) -> Recorded:
         """Records a message.
 
@@ -148,7 +155,7 @@ class TaskRun:
         self._nodes = nodes
         if before is None:
             self.start = time
-            age = max(node.progress_time for node in nodes)
+            age = _age(nodes)
             # beside much other load, the first tick may be long after the task's start
             self.is_complete = age < _LONGEST_PERIOD or time - age > self._heard_since
         updated = list(range(len(nodes)))
@@ -332,3 +339,8 @@ def _differ(rows: Rows, others: Rows) -> npt.NDArray[np.bool_]:
     size = ROW.itemsize
     wide = np.ascontiguousarray(rows).view("u1").reshape(-1, size)
     return np.asarray((wide != np.ascontiguousarray(others).view("u1").reshape(-1, size)).any(axis=1))
+
+
+def _age(nodes: Sequence[NodeMessage]) -> float:
+    """Returns how long a task has run (s)."""
+    return max(node.progress_time for node in nodes)

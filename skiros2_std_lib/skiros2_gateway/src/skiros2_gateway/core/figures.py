@@ -30,6 +30,8 @@ PERIOD = 1.0
 _HOUR = 3600.0  # s
 _HAS_FAILED = "outcome NOT IN ('succeeded', 'nothing_to_do', 'cancelled')"
 _HAS_SUCCEEDED = "outcome IN ('succeeded', 'nothing_to_do')"
+_FAILED = (TaskState.FAILED, TaskState.LOST)
+_OF_SKILLS, _NOTHING = ("runs", "run_seconds", "failures"), (0.0, 0.0, 0.0)
 _MAX_FAILURES = 20
 #: The most points of a figure over time.
 _MAX_POINTS = 60
@@ -43,7 +45,9 @@ class Figures:
         self._document = document
         self._ended: defaultdict[FigureKey, float] = defaultdict(float)
         self._has_ended = asyncio.Event()
-        self._counted: weakref.WeakSet[TaskRun] = weakref.WeakSet()
+        self._final: weakref.WeakSet[TaskRun] = weakref.WeakSet()
+        #: What was counted of lost tasks, which may return: runs, seconds and failures.
+        self._lost: weakref.WeakKeyDictionary[TaskRun, tuple[float, ...]] = weakref.WeakKeyDictionary()
         self._written: dict[str, Totals] = totals_of(store.figures())
         document.subscribe(Recorded, lambda recorded: self._count([recorded.run]))
         document.subscribe(RunsLost, lambda change: self._count(change.runs))
@@ -81,14 +85,19 @@ class Figures:
 
     def _count(self, runs: Iterable[TaskRun]) -> None:
         for run in runs:
-            if not run.is_finished or run.robot == GOALS or run in self._counted:
+            if run.robot == GOALS or run in self._final or not (run.is_finished or run in self._lost):
                 continue
-            self._counted.add(run)
             self._has_ended.set()
+            before, now = self._lost.pop(run, _NOTHING), _NOTHING
+            if run.is_finished:
+                now = (1.0, run.latest.time - run.start, float(run.state in _FAILED))
+                if run.latest.has_ended:
+                    self._final.add(run)
+                else:
+                    self._lost[run] = now
             skill = run.nodes[1 if len(run.nodes) > 1 else 0].label
-            self._ended[FigureKey(run.robot, "runs", skill)] += 1
-            self._ended[FigureKey(run.robot, "run_seconds", skill)] += run.latest.time - run.start
-            self._ended[FigureKey(run.robot, "failures", skill)] += run.state in (TaskState.FAILED, TaskState.LOST)
+            for kind, old, new in zip(_OF_SKILLS, before, now, strict=True):
+                self._ended[FigureKey(run.robot, kind, skill)] += new - old
 
 
 def totals_of(figures: Mapping[FigureKey, float]) -> dict[str, Totals]:
@@ -99,7 +108,7 @@ def totals_of(figures: Mapping[FigureKey, float]) -> dict[str, Totals]:
         if key.kind == "seconds":
             times[key.robot][key.name] = value
         elif key.kind == "tasks":
-            counts[key.robot, key.name] = round(value)
+            counts[key.robot, key.name] = max(0, round(value))  # the loss may have been before the period
     names = {*times, *(robot for robot, _ in counts)}
     return {name: Totals(times[name], counts[name, "succeeded"], counts[name, "failed"]) for name in names}
 
@@ -131,7 +140,7 @@ def report(store: JobStore, begin: float, end: float) -> dict[str, Any]:
             "mean_s": figures.get(key._replace(kind="run_seconds"), 0.0) / runs,
         }
         for key, runs in sorted(figures.items())
-        if key.kind == "runs"
+        if key.kind == "runs" and runs > 0.0
     ]
     jobs = [{"outcome": outcome, "jobs": count} for outcome, count in store.count_ended(begin, end, "outcome")]
     found = store.count_ended(begin, end, "json_extract(document, '$.response.message')", _HAS_FAILED)
@@ -162,6 +171,6 @@ def _over_time(store: JobStore, begin: float, end: float) -> dict[str, Any]:
         "durations": [
             {"begin": point * width, "skill": skill, "runs": round(sums[point, skill]["runs"]),
              "mean_s": sums[point, skill]["run_seconds"] / sums[point, skill]["runs"]}
-            for point, skill in sorted(sums) if sums[point, skill]["runs"]
+            for point, skill in sorted(sums) if sums[point, skill]["runs"] > 0
         ],
     }  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Annotated, Any, Literal
 
@@ -329,7 +329,7 @@ class Job:
             "approved": self.approved,
             "rank": list(self.rank),
             "is_moved": self.place is not None,
-            "response": asdict(self.response),
+            "response": dict(vars(self.response)),  # its values are replaced, not changed
             "received": self.received,
         }
 

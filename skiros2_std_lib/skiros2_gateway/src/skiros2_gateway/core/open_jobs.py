@@ -9,6 +9,7 @@ from bisect import bisect_left, insort
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain, islice
+from typing import Any
 
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job import BEFORE, FINAL, Job, Rank, State
@@ -91,6 +92,10 @@ class OpenJobs:
         """Returns the jobs of `ordered` as JSON; see `Job.to_dict`."""
         return [self._text(job.id) for job in self.ordered(limit)]
 
+    def text(self, job: Job) -> str:
+        """Returns a job as JSON, one that has not ended as it is now."""
+        return self._text(job.id) if job.id in self._jobs else json_text(job.to_dict())
+
     def _text(self, job_id: str) -> str:
         if job_id not in self._texts:
             self._texts[job_id] = json_text(self._jobs[job_id].to_dict())
@@ -114,8 +119,9 @@ class OpenJobs:
         :raises StoreFailed: the job is unchanged, in memory and in the store.
         """
         self.write_unwritten()
-        text = self._store.save(job, author, method, comment)
-        self._set(job)
+        data = job.to_dict()
+        text = self._store.save(job, author, method, comment, data)
+        self._set(job, data)
         if job.id in self._jobs:
             self._texts[job.id] = text
 
@@ -160,12 +166,12 @@ class OpenJobs:
             self._store.save(first.job, first.author, first.method, first.comment)
             del self._unwritten[0]
 
-    def _set(self, job: Job) -> None:
+    def _set(self, job: Job, data: dict[str, Any] | None = None) -> None:
         self._progressed.pop(job.id, None)  # is written with the rest of the job
         self._remove(job.id)
         if job.state not in FINAL or not job.response.collected:
             self._add(job)
-        self._events.publish("job", job.to_dict())
+        self._events.publish("job", data or job.to_dict())
 
     def _add(self, job: Job) -> None:
         self._jobs[job.id] = job

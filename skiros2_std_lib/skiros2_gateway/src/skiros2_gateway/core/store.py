@@ -175,14 +175,15 @@ class JobStore:
         """Returns the number for the next job."""
         return int(self._read("SELECT COALESCE(MAX(sequence), 0) + 1 FROM jobs")[0][0])
 
-    def save(self, job: Job, author: str, method: str, comment: str = "") -> str:
+    def save(self, job: Job, author: str, method: str, comment: str = "", data: dict[str, Any] | None = None) -> str:
         """Writes a new or changed job, and an entry of its history. Returns the job as JSON.
 
         :param author: the client or the part of the gateway that changed it.
         :param method: the ISA-95 method, or what happened in the cell.
+        :param data: of `Job.to_dict`, if it was made already.
         """
         with self._transaction() as db:
-            text = _write_job(db, job)
+            text = _write_job(db, job, data)
             db.execute(
                 "INSERT INTO job_events (job, time, author, method, state, substate, comment)"
                 " VALUES (?, ?, ?, ?, ?, ?, ?)",
@@ -426,8 +427,8 @@ class JobStore:
             self._sync.checkpoint()
 
 
-def _write_job(db: sqlite3.Connection, job: Job) -> str:
-    response, text = job.response, json_text(job.to_dict())
+def _write_job(db: sqlite3.Connection, job: Job, data: dict[str, Any] | None = None) -> str:
+    response, text = job.response, json_text(data or job.to_dict())
     is_open = job.state not in FINAL or not response.collected
     row = (job.state, job.cleared, is_open, response.ended, response.outcome, text)
     db.execute(

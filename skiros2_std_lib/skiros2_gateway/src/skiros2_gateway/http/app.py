@@ -250,12 +250,11 @@ def _with_jobs(jobs: list[str], rest: dict[str, Any]) -> Response:
 
 
 @_router.post("/jobs", status_code=201, responses=answers(models.JobData, status=201) | answers(models.JobData))
-async def put_job(caller: CallerArg, service: ServiceArg, body: NewJob, response: Response) -> dict[str, Any]:
+async def put_job(caller: CallerArg, service: ServiceArg, body: NewJob) -> Response:
     """Stores an order, and allows it to start unless `start` is false. 200 if the same order is known."""
     data = body.model_dump(mode="json", exclude={"start", "comment"})
     job, is_new = await service.put(caller, data, body.comment, start=body.start)
-    response.status_code = 201 if is_new else 200
-    return job.to_dict()
+    return Response(service.control.jobs.text(job), 201 if is_new else 200, media_type="application/json")
 
 
 @_router.get("/jobs/{job_id}", responses=answers(models.JobData, 404))

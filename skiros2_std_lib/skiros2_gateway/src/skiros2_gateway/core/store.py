@@ -176,11 +176,10 @@ class JobStore:
         return int(self._read("SELECT COALESCE(MAX(sequence), 0) + 1 FROM jobs")[0][0])
 
     def save(self, job: Job, author: str, method: str, comment: str = "", data: dict[str, Any] | None = None) -> str:
-        """Writes a new or changed job, and an entry of its history. Returns the job as JSON.
+        """Writes a new or changed job (`data`: of its `to_dict`), and an entry of its history. Returns it as JSON.
 
         :param author: the client or the part of the gateway that changed it.
         :param method: the ISA-95 method, or what happened in the cell.
-        :param data: of `Job.to_dict`, if it was made already.
         """
         with self._transaction() as db:
             text = _write_job(db, job, data)

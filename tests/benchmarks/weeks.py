@@ -102,6 +102,7 @@ class _Past:
         """Adds the rows of a number of updates of random elements, and closes the journal."""
         journal = self._model._journal
         assert journal is not None
+        journal.flush()  # the elements may be in its log only
         first, now = self._model.number + 1, time.time()
         with journal._file.transaction() as db:
             products = "SELECT context, id, since, content FROM element WHERE id LIKE 'skiros:Product-%'"

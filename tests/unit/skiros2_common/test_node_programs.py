@@ -27,3 +27,20 @@ def test_program_that_is_interrupted_during_its_imports_ends_without_a_traceback
         node.send_signal(signal.SIGINT)
         _, errors = node.communicate()
     assert (node.returncode, errors) == (-signal.SIGINT, "")
+
+
+def test_collector_runs_in_a_node_but_not_during_its_imports() -> None:
+    code = """
+import gc
+import skiros2_common.ros.quiet_start
+assert not gc.isenabled()
+from skiros2_common.ros import node
+node.rosgraph.is_master_online = lambda: True
+node.rospy.init_node = lambda *_, **__: None
+node.rospy.get_param = lambda *_: False
+node.watch_master = node.handshake_in_threads = lambda: None
+node.run_node("tested", lambda: print(gc.isenabled(), gc.get_freeze_count() > 0))
+"""
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join([*map(str, source_folders()), *sys.path])}
+    ended = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=env, capture_output=True, text=True)
+    assert ended.stdout == "True True\n", ended.stderr

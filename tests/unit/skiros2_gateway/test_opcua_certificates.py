@@ -15,6 +15,7 @@ pytest.importorskip("asyncua")
 
 from asyncua import ua
 from asyncua.common.utils import ServiceError
+from asyncua.crypto import security_policies
 from cryptography import x509
 from cryptography.hazmat.primitives import serialization
 
@@ -270,6 +271,60 @@ def test_authority_decides_which_clients_are_accepted(tmp_path: Path) -> None:
     root.revoke(line.certificate)
     root.crl(pki / "trusted/crl/root.crl")
     assert status(good) == "BadCertificateRevoked"
+
+
+def test_client_may_send_the_authorities_between_it_and_the_accepted_one(in_gateway: Run, tmp_path: Path) -> None:
+    root = _Authority(tmp_path, "root")
+    line = _Authority(tmp_path, "line", root)
+    certificate, key = line.client("mes")
+    stranger = _Authority(tmp_path, "stranger")
+    chain = b"".join(
+        x509.load_pem_x509_certificate(file.read_bytes()).public_bytes(serialization.Encoding.DER)
+        for file in (certificate, line.certificate)
+    )
+
+    async def call(server: Any, folder: Path, *sent: Path, named: bytes | None = None) -> int:
+        mes = Mes(server.address)
+        mes.application_uri = "urn:mes"
+        own = folder / "opcua_certificate.der"
+        policy = security_policies.SecurityPolicyBasic256Sha256
+        await mes.set_security(policy, certificate, key, server_certificate=own, certificate_chain=[*sent])
+        create = mes.uaclient.create_session
+
+        async def with_chain(parameters: Any) -> Any:
+            parameters.ClientCertificate = named or parameters.ClientCertificate
+            return await create(parameters)
+
+        mes.uaclient.create_session = with_chain
+        async with mes:
+            await mes.load()
+            return int(await mes.call("Start", "unknown", NO_COMMENT))
+
+    async def test(gateway: Any) -> None:
+        folder = gateway.path.parent
+        server = opcua_server(gateway.service, folder)
+        await server.start()
+        pki = folder / "opcua"
+        try:
+            with pytest.raises(ua.UaStatusCodeError) as refused:
+                await call(server, folder, line.certificate, root.certificate)
+            assert refused.value.code == ua.StatusCodes.BadCertificateUntrusted, "what a client sends is not trusted"
+            shutil.copy(root.certificate, pki / "trusted/certs")
+            for sent in ((), (stranger.certificate,)):
+                with pytest.raises(ua.UaStatusCodeError) as refused:
+                    await call(server, folder, *sent)
+                assert refused.value.code == ua.StatusCodes.BadCertificateUntrusted
+            assert await call(server, folder, line.certificate) == UNKNOWN_JOB
+            assert await call(server, folder, line.certificate, root.certificate, named=chain) == UNKNOWN_JOB
+            root.revoke(line.certificate)
+            root.crl(pki / "trusted/crl/root.crl")
+            with pytest.raises(ua.UaStatusCodeError) as refused:
+                await call(server, folder, line.certificate)
+            assert refused.value.code == ua.StatusCodes.BadCertificateRevoked
+        finally:
+            await server.stop()
+
+    in_gateway(test)
 
 
 def test_accepted_client_is_no_authority_for_others(tmp_path: Path) -> None:

@@ -34,13 +34,15 @@ class Authorities:
             for name in ("certs", "crl"):
                 (folder / kind / name).mkdir(parents=True, exist_ok=True)
 
-    def check(self, certificate: x509.Certificate) -> None:
+    def check(self, certificate: x509.Certificate, sent: Sequence[x509.Certificate] = ()) -> None:
         """
+        :param sent: the authorities that the client has sent with its certificate. They are used as those of `issuers`.
         :raises ServiceError: the certificate is not trusted, or is revoked, as one of its authorities may be.
         """
         trusted = self._read(("trusted",), "certs", read_certificate)
         # The certificate of an application is not that of an authority, whatever it says: many self-signed ones do.
-        others = [each for each in self._read(("issuers",), "certs", read_certificate) if not application_uris(each)]
+        found = (*self._read(("issuers",), "certs", read_certificate), *sent)
+        others = [each for each in found if not application_uris(each)]
         authorities = [each for each in trusted if not application_uris(each)]
         chain = [certificate] if certificate in trusted else _chain(certificate, authorities, others)
         crls = self._read(("trusted", "issuers"), "crl", read_crl)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +24,9 @@ log = logging.getLogger(__name__)
 
 #: How many rejected certificates are kept: the newest.
 _MAX_REJECTED = 100
+#: How many certificates of a client's chain are read.
+_MAX_CHAIN = 10
+_SEQUENCE = b"\x30"  # the first byte of a certificate in DER
 
 
 @dataclass
@@ -31,9 +34,12 @@ class _Channel:
     """A secure channel.
 
     :param certificate: by which the client has signed; None without a security policy.
+    :param authorities: those that the client has sent with it: a chain is the bytes of certificates one after the
+        other, the own one first (OPC 10000-6, Certificate Chains).
     """
 
     certificate: x509.Certificate | None
+    authorities: Sequence[x509.Certificate] = ()
     is_accepted: bool = False
 
 
@@ -42,21 +48,55 @@ _channel: ContextVar[_Channel | None] = ContextVar("channel", default=None)
 
 
 class TrustingServer(Server):  # type: ignore[misc]
-    """asyncua's server, which notes the certificate of each channel: the one that a request names may be another."""
+    """asyncua's server, which notes the certificate of each channel: the one that a request names may be another. Of a
+    chain in a request, it takes the first certificate, where asyncua's server fails.
+    """
 
     async def _setup_server_nodes(self) -> None:
         await super()._setup_server_nodes()
         for policy in self._policies:
             policy.create = _noting(policy.create, policy.mode is not ua.MessageSecurityMode.None_)
+        self.iserver.create_session = _taking_chains(self.iserver.create_session)
 
 
 def _noting(create: Callable[[bytes | None], Any], is_secure: bool) -> Callable[[bytes | None], Any]:
     def noted(certificate: bytes | None) -> Any:
         policy = create(certificate)
-        _channel.set(_Channel(x509_from_der(certificate) if is_secure else None))
+        own, *authorities = [x509_from_der(each) for each in _chain(certificate) if is_secure] or [None]
+        _channel.set(_Channel(own, authorities))
         return policy
 
     return noted
+
+
+def _chain(data: bytes | None) -> list[bytes]:
+    """Returns the certificates of a chain in DER, at most `_MAX_CHAIN`. Bytes that are none end it."""
+    found, rest = [], data or b""
+    while rest[:1] == _SEQUENCE and len(rest) > 2 and len(found) < _MAX_CHAIN:
+        size, start = rest[1], 2
+        if size & 0x80:  # the number of bytes that have the size
+            start += size & 0x7F
+            size = int.from_bytes(rest[2:start], "big")
+        found.append(rest[: start + size])
+        rest = rest[start + size :]
+    return found
+
+
+def _taking_chains(make: Callable[..., Any]) -> Callable[..., Any]:
+    def made(*arguments: Any, **options: Any) -> Any:
+        session = make(*arguments, **options)
+        create = session.create_session
+
+        async def create_session(parameters: Any, *others: Any, **more: Any) -> Any:
+            parameters.ClientCertificate = next(
+                iter(_chain(parameters.ClientCertificate)), parameters.ClientCertificate
+            )
+            return await create(parameters, *others, **more)
+
+        session.create_session = create_session
+        return session
+
+    return made
 
 
 def is_channel_accepted() -> bool:
@@ -91,7 +131,7 @@ class TrustList:
                 certificate = channel.certificate
                 raise ServiceError(ua.StatusCodes.BadCertificateInvalid)
             await self._validator.validate(certificate, client)
-            self._authorities.check(certificate)
+            self._authorities.check(certificate, channel.authorities)
             channel.is_accepted = True
         except ServiceError as error:
             status = ua.status_codes.get_name_and_doc(error.code)[0]

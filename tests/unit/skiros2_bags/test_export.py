@@ -13,6 +13,7 @@ from typing import Any
 
 import jsonschema
 import pytest
+from rosbags.rosbag1 import Reader
 
 from skiros2_bags.core.mcap_scene import _Meshes
 from skiros2_bags.core.run import Run
@@ -48,6 +49,23 @@ def test_mcap_has_the_messages_of_the_bag(tmp_path: Path) -> None:
     expected = [(m.time, m.content.wrench.force.z) for m in recorded if m.type == "geometry_msgs/WrenchStamped"]
     assert [force for _, force in wrenches] == [force for _, force in expected]
     assert wrenches[0][0] / 1e9 == pytest.approx(expected[0][0], abs=1e-6)
+
+
+def test_mcap_has_the_exact_times_of_the_bag(tmp_path: Path) -> None:
+    """A float of seconds holds times to 0.2 µs only."""
+    pytest.importorskip("mcap", reason="needs requirements/export.txt")
+    from mcap.reader import make_reader
+
+    from skiros2_bags.core.mcap_export import export_mcap
+
+    export_mcap(Run.open(BAG), tmp_path / "run.mcap")
+    with Reader(BAG) as bag:
+        recorded = [(connection.topic, time, bytes(data)) for connection, time, data in bag.messages()]
+    with (tmp_path / "run.mcap").open("rb") as file:
+        read = list(make_reader(file).iter_messages(log_time_order=False))
+    copied = [(channel.topic, m.log_time, m.data) for schema, channel, m in read if schema.encoding == "ros1msg"]
+    assert copied == recorded
+    assert all(message.publish_time == message.log_time for _, _, message in read)
 
 
 def test_mcap_has_frames_shapes_and_robots_for_the_3d_view(tmp_path: Path) -> None:

@@ -32,6 +32,7 @@ class Message:
     :param definition: of its type and of all types in it.
     :param data: the serialised message.
     :param bag: the file.
+    :param nanoseconds: the exact `time` (ns).
     """
 
     time: float
@@ -43,6 +44,7 @@ class Message:
     data: bytes = field(repr=False)
     bag: Path = field(repr=False)
     _decode: Callable[[Message], Any] = field(repr=False)
+    nanoseconds: int = 0
 
     @property
     def location(self) -> str:
@@ -121,7 +123,7 @@ class BagFile:
             chosen = [c for c in reader.connections if c.id in numbers]
             known = {c.id: (c.topic, plain_type(c.msgtype), c.digest, _caller(c), c.msgdef.data) for c in chosen}
             for connection, time, data in reader.messages(chosen, stop=stop):
-                yield Message(time / 1e9, *known[connection.id], data, self.path, self._decode)
+                yield Message(time / 1e9, *known[connection.id], data, self.path, self._decode, time)
 
     def _decode(self, message: Message) -> Any:
         key = (message.type, message.md5, message.definition)

@@ -30,7 +30,7 @@ def export_mcap(run: Run, target: Path) -> int:
         writer.start(profile="ros1", library="skiros2_bags")
         scene = _Scene(writer, run)
         for message in run.messages():
-            scene.write(message.time)
+            scene.write(message.time, message.nanoseconds)
             schema = (message.type, message.md5)
             if schema not in schemas:
                 definition = message.definition.encode()
@@ -40,10 +40,10 @@ def export_mcap(run: Run, target: Path) -> int:
                 metadata = {"md5sum": message.md5, "callerid": message.caller, "topic": message.topic}
                 channels[channel] = writer.register_channel(message.topic, "ros1", schemas[schema], metadata)
             number = channels[channel]
-            time = round(message.time * 1e9)
+            time = message.nanoseconds
             writer.add_message(number, time, bytes(message.data), time, counts.get(number, 0))
             counts[number] = counts.get(number, 0) + 1
-        scene.write(math.inf)
+        scene.write(math.inf, 2**63)
         writer.finish()  # type: ignore[no-untyped-call]
     return sum(counts.values())
 
@@ -55,11 +55,15 @@ class _Scene:
         self._writer = writer
         self._messages = scene_messages(run)
         self._next = next(self._messages, None)
+        self._last = 0  # ns
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
 
-    def write(self, until: float) -> None:
-        """Writes the next messages up to a time (s since the epoch)."""
+    def write(self, until: float, nanoseconds: int) -> None:
+        """Writes the next messages up to a time.
+
+        :param until, nanoseconds: in s and in ns since the epoch. A float does not hold a time exactly.
+        """
         while self._next is not None and self._next[0] <= until:
             seconds, topic, schema, data = self._next
             if schema not in self._schemas:
@@ -67,6 +71,7 @@ class _Scene:
                 self._schemas[schema] = self._writer.register_schema(schema, "jsonschema", text)
             if topic not in self._channels:
                 self._channels[topic] = self._writer.register_channel(topic, "json", self._schemas[schema])
-            time = round(seconds * 1e9)
+            time = max(self._last, min(round(seconds * 1e9), nanoseconds))
             self._writer.add_message(self._channels[topic], time, data, time)
             self._next = next(self._messages, None)
+        self._last = nanoseconds

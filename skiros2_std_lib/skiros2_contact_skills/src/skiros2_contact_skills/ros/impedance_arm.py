@@ -75,7 +75,7 @@ class ImpedanceArm(ForceAdapter):
         self._controllers, self._mount = controllers, mount
         self._limits = Limits()
         self._fault = ""
-        #: The commanded wrench, and when it was sent (s).
+        #: The commanded wrench, and the stamp of the state at which it was sent (s): its driver's clock lets it expire.
         self._wrench: Sequence[float] = ()
         self._wrench_at = 0.0
         #: Whether the driver regulates forces; if not, the loop at its states, and the pose that is wanted besides.
@@ -128,10 +128,11 @@ class ImpedanceArm(ForceAdapter):
             if message is None or self._pending or self._received < self._effect:
                 return None
         stopped = fault or self._why_stopped(message)
-        if not stopped and any(self._wrench) and rospy.get_time() - self._wrench_at > _REFRESH:
-            self._send_wrench()
+        stamp = message.header.stamp.to_sec()
+        if not stopped and any(self._wrench) and not 0.0 <= stamp - self._wrench_at <= _REFRESH:
+            self._send_wrench(stamp)
         kind = _kind_of(message, fault) if stopped else FailureKind.RETRYABLE
-        return arm_state(message, self._mount, message.header.stamp.to_sec(), stopped)._replace(kind=kind)
+        return arm_state(message, self._mount, stamp, stopped)._replace(kind=kind)
 
     def begin(self) -> None:
         self._fault, self._wrench = "", ()
@@ -182,7 +183,8 @@ class ImpedanceArm(ForceAdapter):
 
     def set_wrench(self, force: Vector, torque: Vector = (0.0, 0.0, 0.0)) -> None:
         self._wrench = checked("wrench", (*force, *torque), MAX_WRENCH)
-        self._send_wrench()
+        last = self._last
+        self._send_wrench(last.header.stamp.to_sec() if last is not None else -math.inf)
 
     def set_force_control(self, goal: ForceGoal | None) -> None:
         if goal is not None:
@@ -289,8 +291,8 @@ class ImpedanceArm(ForceAdapter):
         header = Header(frame_id=message.header.frame_id)
         self._topics["reference_pose"].publish(PoseStamped(header, pose_message(pose)))
 
-    def _send_wrench(self) -> None:
-        self._wrench_at = float(rospy.get_time())
+    def _send_wrench(self, stamp: float) -> None:
+        self._wrench_at = stamp
         self._publish_wrench("set_cartesian_wrench", self._wrench)
 
     def _publish_wrench(self, topic: str, values: Sequence[float]) -> None:

@@ -22,7 +22,7 @@ PACKAGES = (
     "skiros2_std_reasoners",
 )
 LAUNCH_FILES = {
-    "skiros.launch": {"/wm", "/test_robot", "/tm", "/skiros_gui", "/map_to_world"},
+    "skiros.launch": {"/wm", "/test_robot", "/tm", "/skiros_gui"},
     "world_model_server.launch": {"/wm", "/skiros_gui"},
     "skill_mgr.launch": {"/test_robot"},
     "task_mgr.launch": {"/tm"},

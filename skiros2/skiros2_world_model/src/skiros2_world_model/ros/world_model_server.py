@@ -60,6 +60,7 @@ from skiros2_world_model.ros.ontology_server import (
     triple_store,
     workspace_folder,
 )
+from skiros2_world_model.ros.same_frames import publish_same_frames
 from skiros2_world_model.ros.service_pool import service_handler
 from skiros2_world_model.ros.wire import entry2msg, msg2operation, msg2point
 
@@ -326,6 +327,7 @@ def serve_world_model() -> None:
     model.knowledge_base.budgets = query_budgets()
     running = Reasoners(model, texts_param("~reasoners_pkgs"))
     _server = WorldModelServer(model)
+    _same_frames = publish_same_frames(texts_param("~same_frames"))
     _last_wills = LastWillService(LastWillStore(model, journal))
     if model.recovered:
         log.info("to start from the files instead: shut the world model down, or set journal_recover to never")

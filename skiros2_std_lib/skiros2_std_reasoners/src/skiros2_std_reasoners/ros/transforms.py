@@ -119,7 +119,7 @@ class Transforms:
         is_ours = (getattr(message, "_connection_header", None) or {}).get("callerid") == rospy.get_name()
         for transform in message.transforms:
             name = _legal(transform.child_frame_id)
-            if not is_ours:
+            if static or not is_ours:  # own frames are on /tf only
                 self.elsewhere.add(name)
             if name not in self._own:
                 self._gone.discard(name)

@@ -50,6 +50,8 @@ def test_job_becomes_a_goal_and_its_response_says_what_changed(cell: JobCell) ->
     assert (job["state"], job["substate"], response["outcome"]) == ("Ended", "Closed", "succeeded")
     assert [(step["robot"], step["state"]) for step in response["steps"]] == [(ROBOT, "succeeded")]
     assert any({cell.stores[0], cell.products[0]} <= set(change["elements"]) for change in response["changes"])
+    lines = [line for change in response["changes"] for line in change["lines"]]
+    assert f"{cell.stores[0]} contains {cell.products[0]}" in lines
     methods = [entry["method"] for entry in cell.rest.get("/api/jobs/first/history")["history"]]
     assert methods == ["StoreAndStart", "loaded", "accepted", "ended", "collected"]
 
@@ -206,7 +208,7 @@ def test_agent_runs_a_skill_and_proposes_what_a_failed_job_lacks(cell: JobCell) 
     run, refused, what, proposed = asyncio.run(agent())
     assert run["state"] == "succeeded"
     assert refused["code"] == "refused" and "IsThere" in refused["detail"]
-    assert what["changes"] == [f"+ {cell.shelf} skiros:contain {cell.lost_product}"]
+    assert what["changes"] == [f"{cell.shelf} contains {cell.lost_product}"]
     assert (proposed["changes"], proposed["why"], proposed["retried"]["job"]) == (what["changes"], "", "lacking.2")
     assert cell.wait_for(["lacking.2"])["lacking.2"]["response"]["outcome"] == "succeeded"
 

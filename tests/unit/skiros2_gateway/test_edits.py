@@ -37,12 +37,17 @@ def test_edits_are_previewed_without_a_change_and_applied_as_a_whole(wm: LocalWo
     product = add(wm, "skiros:Product", place)
     edits = Edits((weight(product, 2.0),), (contain(place, product, False), contain(other, product)))
     preview = preview_edits(wm, edits)
-    assert len(preview.lines) == 3 and preview.lines[0].startswith(f"~ {product} skiros:Weight: (none) -> 2")
+    assert preview.lines == (
+        f"{place} no longer contains {product}", f"{other} contains {product}", f"weight of {product} is 2",
+    )  # fmt: skip
     assert wm.get_element(product).value_of("skiros:Weight") is None
     apply_edits(wm, edits, preview)
     assert wm.get_element(product).value_of("skiros:Weight") == 2.0
     assert [e.id for e in wm.get_branch(other)] == [other, product]
+    changed = preview_edits(wm, Edits((weight(product, 2.5),)))
+    assert changed.lines == (f"weight of {product} is 2.5 (was 2)",)
     removal = Edits((weight(product),))
+    assert preview_edits(wm, removal).lines == (f"weight of {product} is no longer 2",)
     apply_edits(wm, removal, preview_edits(wm, removal))
     assert wm.get_element(product).value_of("skiros:Weight") is None
 

@@ -149,11 +149,20 @@ def _changed(before: ElementRecord, after: ElementRecord) -> list[str]:
     for name, one, other in (("type", before.type, after.type), ("label", before.label, after.label)):
         if one != other:
             lines.append(f"~ {after.id} {name}: {one or '(none)'} -> {other or '(none)'}")
+    lines += [
+        f"~ {after.id} {key}: {_text(was)} -> {_text(now)}" for key, was, now in changed_properties(before, after)
+    ]
+    return lines
+
+
+def changed_properties(
+    before: ElementRecord, after: ElementRecord
+) -> Iterator[tuple[str, Property | None, Property | None]]:
+    """Yields the properties with other values: key, old and new property; None: it was, or is, missing."""
     for key in sorted({*before.properties, *after.properties}):
         was, now = before.properties.get(key), after.properties.get(key)
         if not _same(was, now):
-            lines.append(f"~ {after.id} {key}: {_text(was)} -> {_text(now)}")
-    return lines
+            yield key, was, now
 
 
 def _same(one: Property | None, other: Property | None) -> bool:

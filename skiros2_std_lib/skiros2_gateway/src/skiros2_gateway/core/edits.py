@@ -12,11 +12,11 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.names import nearest
 from skiros2_common.core.operations import Expect, Operation, Patch, Relate
 from skiros2_common.core.property import Property
-from skiros2_common.core.wording import visible
 from skiros2_common.core.world_element import ElementChanges
+from skiros2_gateway.core.change_words import entry_sentences
 from skiros2_gateway.core.problems import Problem, Rejected
 from skiros2_gateway.core.values import Value
-from skiros2_world_model.core.history import changed_lines, difference
+from skiros2_world_model.core.history import difference
 from skiros2_world_model.core.preview_copy import PreviewCopy
 from skiros2_world_model.core.world_model_client import WorldModelClient
 
@@ -57,7 +57,7 @@ class Edits:
 class EditPreview:
     """The changes that edits would make.
 
-    :param lines: one change each: `+` added, `-` removed, `~` changed.
+    :param lines: one change each, as of `entry_sentences`.
     :param versions: of the edited elements when the scene was read, by id.
     """
 
@@ -87,13 +87,13 @@ def preview_edits(wm: WorldModelClient, edits: Edits) -> EditPreview:
         except SkirosError as error:
             where = fields[0][0].rpartition(".")[0]
             problems.append(Problem(error.code, where, str(error), nearest=_near(wm, name)))
-    lines = changed_lines(difference(scene.values(), copy.get_scene_elements()))
+    lines = entry_sentences(difference(scene.values(), copy.get_scene_elements()))
     if not problems and not lines:
         problems.append(Problem("wrong_value", "properties", "the world model has these values already", "a change"))
     if problems:
         raise Rejected(problems)
     versions = {element.id: element.version for element in found if element is not None}
-    return EditPreview(tuple(map(visible, lines)), versions)
+    return EditPreview(tuple(lines), versions)
 
 
 def apply_edits(wm: WorldModelClient, edits: Edits, preview: EditPreview) -> None:

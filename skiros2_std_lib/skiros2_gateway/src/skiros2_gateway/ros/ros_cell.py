@@ -16,6 +16,7 @@ from skiros2_common.core.errors import Refused, SkirosError, UnknownName, WrongV
 from skiros2_common.core.manager_names import matching_name
 from skiros2_common.core.names import nearest
 from skiros2_gateway.core.cell import Collected, Ending, Goal, GoalListener, Progress
+from skiros2_gateway.core.change_words import entry_sentences
 from skiros2_gateway.core.connection import connect
 from skiros2_gateway.core.deadline import remaining
 from skiros2_gateway.core.edits import EditPreview, Edits, apply_edits, preview_edits
@@ -42,7 +43,6 @@ from skiros2_skill.client.manager import ManagerClient
 from skiros2_task.core.goal_report import ASKING
 from skiros2_task.ros.achieve_action import INTERRUPT_PRIORITY
 from skiros2_task.ros.task_manager_interface import TaskManagerInterface
-from skiros2_world_model.core.history import changed_lines
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 log = logging.getLogger(__name__)
@@ -389,7 +389,7 @@ def _collect(
     try:
         for robot in robots:
             for entry in wm.history("", start, end, robot):
-                lines = changed_lines(entry)
+                lines = entry_sentences(entry)
                 related = {eid for s, _, o in entry.changes.relations for eid in (s, o)}
                 ids = sorted(related | set(entry.changes.records))
                 changes.append({"author": entry.author, "time": entry.stamp, "elements": ids, "lines": lines})

@@ -90,3 +90,28 @@ def test_last_message_of_a_task_tells_of_its_end(progress, task):
     progress.publish(task)
     assert read(progress._publisher.sent[-1])[0].progress_code == -1
     assert task.state is State.Failure
+
+
+def test_message_is_made_again_only_when_something_has_changed(progress, bench, monkeypatch):
+    states = iter([State.Running, State.Running, State.Success])
+    bench.load(primitive(Note, "note", execute=lambda skill: next(states)))
+    task = bench.task(bench.node("note", Text=""))
+    tick(task)
+    made = []
+    of_task = task.progress
+    monkeypatch.setattr(task, "progress", lambda: made.append(1) or of_task())
+    progress.publish(task)
+    for _ in range(2):
+        tick(task)
+        progress.publish(task)
+    first, second, third = progress._publisher.sent
+    assert first == second != third and len(made) == 2
+    assert [node.state for node in read(third)] == [msgs.SkillProgress.SUCCESS] * 2
+
+
+def test_paused_task_is_published_as_such_though_nothing_else_changes(progress, task):
+    progress.publish(task)
+    task.pause()
+    progress.publish(task)
+    before, paused = map(read, progress._publisher.sent)
+    assert before[0].progress_message == "" and paused[0].progress_message == "paused"

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from io import BytesIO
 from typing import Any
 
 import rospy
@@ -67,9 +68,26 @@ def declare_on_topic() -> Callable[[Iterable[Implementation]], None]:
 _REPORTED_STATUS = (TaskState.PAUSED, TaskState.ENDING, TaskState.PREEMPTED)
 
 
+class _Sent(msgs.TreeProgress):  # type: ignore[misc]
+    """The bytes of a `TreeProgress`, which are published again while nothing changes.
+
+    :param key: identifies the progress of a task that they have.
+    """
+
+    def __init__(self, key: Hashable, nodes: Sequence[Any]) -> None:
+        super().__init__([])
+        self.key = key
+        buffer = BytesIO()
+        msgs.TreeProgress(nodes).serialize(buffer)
+        self._data = buffer.getvalue()
+
+    def serialize(self, buff: Any) -> None:
+        buff.write(self._data)
+
+
 class ProgressPublisher:
-    """Publishes progress on `~monitor` and evidence on `~evidence`; messages are only created for subscribers. One
-    thread at a time per task.
+    """Publishes progress on `~monitor` and evidence on `~evidence`; messages are only created for subscribers, and only
+    when something has changed. One thread at a time per task.
     """
 
     def __init__(self) -> None:
@@ -78,6 +96,7 @@ class ProgressPublisher:
         self._evidence = rospy.Publisher("~evidence", String, queue_size=1000)
         #: Whether messages include the parameters.
         self.with_params = False
+        self._sent: dict[int, _Sent] = {}  # by task
 
     def publish(self, task: Task, needed: bool = False) -> list[Any]:
         """Publishes the progress of a task.
@@ -91,9 +110,16 @@ class ProgressPublisher:
         # also of a task that has not started
         if entries or (evidence.is_on and (evidence.readings or task.ended.is_set())):
             self._evidence.publish(evidence_json(task.id, entries, evidence.messages, evidence.readings))
-        progress = self.nodes(task) if has_subscribers or needed else []
+        key = task.revision, task.status, task.paused
+        sent = self._sent.get(task.id) if has_subscribers else None
+        is_same = sent is not None and sent.key == key and not self.with_params  # parameters change without a revision
+        progress = self.nodes(task) if needed or (has_subscribers and not is_same) else []
         if has_subscribers:
-            self._publisher.publish(msgs.TreeProgress(progress))
+            sent = sent if sent is not None and is_same else _Sent(key, progress)
+            self._sent[task.id] = sent
+            self._publisher.publish(sent)
+        if task.ended.is_set():
+            self._sent.pop(task.id, None)
         return progress
 
     def wants_evidence(self) -> bool:

@@ -76,7 +76,7 @@ def test_cookie_commands_only_with_the_header(in_gateway: Run) -> None:
     ("path", "body", "status", "code"),
     [
         ("/api/jobs", {"id": "", "goal": 3, "x": 1}, 422, "rejected"),
-        ("/api/jobs", "{", 422, "rejected"),
+        ("/api/jobs", "{", 400, "rejected"),
         ("/api/jobs", {**ORDER, "description": "x" * 20_000}, 413, "too_large"),
         ("/api/jobs/b/start", {}, 404, "unknown_name"),
         ("/api/jobs/b/jump", {}, 404, "unknown_name"),
@@ -91,6 +91,17 @@ def test_wrong_request_is_answered_with_problem_details(
         async with served(gateway.service) as address:
             answer = await curl(address, path, token=TOKENS["operate"], body=body)
             assert (answer[0], answer[1]["code"]) == (status, code)
+            assert not gateway.cell.sent
+
+    in_gateway(test)
+
+
+@pytest.mark.parametrize("key", ["Idempotency-Key;", "Idempotency-Key: ä", f"Idempotency-Key: {'k' * 201}"])
+def test_key_that_the_document_does_not_allow_is_refused(in_gateway: Run, key: str) -> None:
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service) as address:
+            answer = await curl(address, "/api/jobs", "-H", key, token=TOKENS["operate"], body=ORDER)
+            assert (answer[0], answer[1]["problems"][0]["where"]) == (422, "key")
             assert not gateway.cell.sent
 
     in_gateway(test)

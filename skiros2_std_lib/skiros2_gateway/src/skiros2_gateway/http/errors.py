@@ -158,4 +158,5 @@ async def _on_wrong_fields(_: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
     problems = field_problems(error.errors())
     detail = "; ".join(str(each) for each in problems)
-    return problem(422, Rejected.code, detail, problems=[each.to_dict() for each in problems])
+    status = 400 if any(each.code == "json_invalid" for each in problems) else 422
+    return problem(status, Rejected.code, detail, problems=[each.to_dict() for each in problems])

@@ -13,7 +13,8 @@ from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from skiros2_common.core.errors import SkirosError, TimedOut
-from skiros2_gateway.core.keys import Keep, keep_of
+from skiros2_gateway.core.keys import MAX_KEY, Keep, keep_of
+from skiros2_gateway.core.problems import Problem, Rejected
 from skiros2_gateway.http.callers import caller_of, service_of
 
 HEADER = "idempotency-key"
@@ -38,8 +39,8 @@ class Once:
             await self._app(scope, receive, send)
             return
         request = Request(scope, receive)
-        key = request.headers.get(HEADER, "")
-        if not key or scope["path"] == "/api/session":
+        key = request.headers.get(HEADER)
+        if key is None or scope["path"] == "/api/session":
             await self._app(scope, receive, send)
             return
         try:
@@ -48,6 +49,9 @@ class Once:
             return
         response: Response
         try:
+            if not key or not key.isascii():
+                expected = f"1 to {MAX_KEY} printable characters of ASCII"
+                raise Rejected([Problem("wrong_value", "key", "the idempotency key is invalid", expected)])
             caller, service = caller_of(request), service_of(request)
             query = scope["query_string"].decode("latin-1")
             command = [scope["method"], scope["path"], query, hashlib.sha256(body).hexdigest()]

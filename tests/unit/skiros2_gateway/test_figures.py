@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -162,6 +164,8 @@ def test_figures_are_read_by_rest_also_as_csv(in_gateway: Callable[..., None]) -
             assert (await read("?end=7000"))["jobs"] == []
             assert await read("/failures.csv") == 'message,jobs\n"\'=the gripper, is empty",2\n'
             assert await read("/skills.csv?begin=20000") == "robot,skill,runs,failures,mean_s\n"
+            rows = list(csv.DictReader(io.StringIO(await read("/throughput.csv?begin=7200&end=7400"))))
+            assert rows == [{"begin": "1970-01-01T02:00:00Z", "succeeded": "1", "failed": "2"}]
 
     in_gateway(test)
 

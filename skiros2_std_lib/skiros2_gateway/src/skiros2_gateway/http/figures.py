@@ -6,6 +6,7 @@ import csv
 import io
 import time
 from collections.abc import Callable
+from datetime import UTC, datetime
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Response
@@ -56,19 +57,21 @@ def figures_router(write: Callable[[], None]) -> APIRouter:
         begin: Time = None,
         end: Time = None,
     ) -> Response:
-        """A table of the figures as CSV."""
+        """A table of the figures as CSV. Times are ISO 8601, UTC."""
         service.view(caller)
         rows = read(service, begin, end)[table]
         text = io.StringIO()
         writer = csv.DictWriter(text, list(_TABLES[table].model_fields), lineterminator="\n")
         writer.writeheader()
-        writer.writerows({key: _cell(value) for key, value in row.items()} for row in rows)
+        writer.writerows({key: _cell(key, value) for key, value in row.items()} for row in rows)
         headers = {"Content-Disposition": f"attachment; filename={table}.csv"}
         return Response(text.getvalue(), media_type="text/csv", headers=headers)
 
     return router
 
 
-def _cell(value: Any) -> Any:
+def _cell(key: str, value: Any) -> Any:
     """Returns a value for a table: spreadsheets would evaluate a text that begins like a formula."""
+    if key == "begin":
+        return datetime.fromtimestamp(value, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     return f"'{value}" if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r") else value

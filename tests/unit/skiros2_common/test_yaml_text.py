@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_common.core.yaml_text import read_yaml
+from skiros2_common.core.yaml_text import YamlText, read_yaml
 
 
 def _growing(depth: int, factor: int, is_merged: bool = False) -> str:
@@ -67,3 +67,13 @@ def test_hostile_text_is_refused(text: str, error: str) -> None:
         assert tracemalloc.get_traced_memory()[1] < 50_000_000
     finally:
         tracemalloc.stop()
+
+
+def test_lines_are_those_of_keys_and_items() -> None:
+    text = YamlText("base: &b\n  k: 1\nlist:\n- a\n- x: {y: 2}\n  <<: *b\nlist: [\n 1, {z: 1, z: 2},\n 3]\n")
+    for path, line in (((), 0), (("none",), 0), (("base", "k"), 2), (("base", "none"), 1), (("list", 1), 8),
+                       (("list", 2), 9), (("list", 1, "z"), 8), (("list", "k"), 7)):  # fmt: skip
+        assert text.line(path) == line, path
+    assert sorted(text.repeated, key=len) == [("list",), ("list", 1, "z")]
+    assert YamlText("a: &b {k: 1}\nc: {<<: *b, k: 2}\n").repeated == []
+    assert YamlText("").line(("a",)) == 0

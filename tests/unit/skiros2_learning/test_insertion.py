@@ -9,10 +9,11 @@ import pytest
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_learning.core.evaluation import Evaluation, check_execution, evaluate, find_defaults, find_quantities
+from skiros2_learning.core.objectives import Criterion
 from skiros2_learning.core.platforms import Simulation
 from skiros2_learning.core.randomisation import BodySpread, Randomisation
 from skiros2_learning.core.rewards import Distance, Signal
-from skiros2_learning.core.scenario import Criterion, Scenario, Step, load_scenario
+from skiros2_learning.core.scenario import Scenario, Step, load_scenario
 from skiros2_learning.core.variables import Value, Variable, configuration_problems
 from skiros2_learning.local.insertion import default_configuration
 

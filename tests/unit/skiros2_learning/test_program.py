@@ -141,7 +141,7 @@ PUSH = Path(__file__).parents[3] / "skiros2_std_lib/demos/learning/scenarios/pus
         (["task", 0, "skill"], "Puhs", "Puhs"),
     ],
 )  # fmt: skip
-def test_a_scenario_with_a_mistake_is_refused_in_one_line_and_leaves_no_study(
+def test_a_scenario_with_a_mistake_is_refused_with_its_line_and_leaves_no_study(
     path: list[str | int], value: object, text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     data = yaml.safe_load(PUSH.read_text())
@@ -154,8 +154,67 @@ def test_a_scenario_with_a_mistake_is_refused_in_one_line_and_leaves_no_study(
     assert main(["run", str(tmp_path / "bad.yaml"), "--study", str(tmp_path / "study")]) == 1
     error = capsys.readouterr().err
     assert text in error
-    assert error.count("\n") == 1
+    assert all(each.startswith(f"learn: {tmp_path}/bad.yaml: line ") for each in error.splitlines())
+    assert error.count("\n") == (4 if path == ["task", 0, "skill"] else 1)  # all four variables are of that step
     assert not (tmp_path / "study").exists()
+
+
+MANY = {
+    PUSH: {
+        "seed: 1": "sede: 1\nrepetitions: 4",
+        "max_failures: 1": "max_failures: 9",
+        "Push.StartX": "Push.StartZ",
+        "Push.StartY:\n    {type: real, range: [-0.2, 0.2]": "Push.StartY:\n    {type: real, range: [0.2, -0.2]",
+        "Push.GoalX:\n    {type: real, range: [-0.2,": "Push.GoalX:\n    {type: real, range: [-0.7,",
+        "Object: Block,": "Object: Blok,",
+        "arm: Arm": "arm: Amr",
+        "    Block: {p": "    Blcok: {p",
+    },
+    PUSH.with_name("insertion.yaml"): {
+        "max_failures: 1": "max_failures: 9",
+        "SearchTime:": "SearchTim:",
+        "SpiralSearch.Radius": "Spiral.Radius",
+        "series: depth": "series: dept",
+        " angle_error: 1.0": " angel_error: 1.0",
+        "optimiser: p": "optimiser: b",
+    },
+}
+FOUND = {
+    PUSH: (
+        "10: Push.Object: no element is labelled 'Blok'; near: Block",
+        "12: Push.StartX: missing; the skill requires a value: fix it in the task, or make it a variable",
+        "13: Push has no parameter 'StartZ'; near: StartY, StartX",
+        "16: variables.Push.StartY.range: expected the lower bound first, got [0.2, -0.2]",
+        "18: Push.GoalX: the skill allows other values: expected -0.2 to 0.2 m, got -0.7",
+        "31: there is no series 'Amr.force'; near: Arm.force, Arm.torque",
+        "46: no body is labelled 'Blcok'; near: Block",
+        "53: max_failures: expected at most 4, the repetitions, got 9",
+        "54: sede: unknown key; near: seed, scene",
+        "55: repetitions: the key occurs twice",
+    ),
+    PUSH.with_name("insertion.yaml"): (
+        "7: settings.angel_error: unknown key; near: angle_error, least_angle_error",
+        "10: SpiralSearch has no parameter 'SearchTim'; near: SearchTime, Searched",
+        "15: Spiral.Radius: no step is called 'Spiral'; near: SpiralSearch",
+        "33: no series 'dept' is recorded; near: depth",
+        "42: max_failures: expected at most 4, the repetitions, got 9",
+        "44: optimiser: unknown: 'brior'; near: prior",
+    ),
+}
+
+
+@pytest.mark.parametrize("scenario", MANY, ids=lambda each: each.stem)
+def test_check_reports_mistakes_in_file_scene_and_skills_at_once_with_their_lines(
+    scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = scenario.read_text().replace("../scene", str(PUSH.parent / "../scene"))
+    for old, new in MANY[scenario].items():
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    file = tmp_path / "bad.yaml"
+    file.write_text(text)
+    assert main(["check", str(file)]) == 1
+    assert capsys.readouterr().err.splitlines() == [f"learn: {file}: line {each}" for each in FOUND[scenario]]
 
 
 def test_a_goal_without_a_plan_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:

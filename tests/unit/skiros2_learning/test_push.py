@@ -9,8 +9,9 @@ import pytest
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_learning.core.evaluation import evaluate, find_defaults, find_quantities
+from skiros2_learning.core.objectives import Criterion
 from skiros2_learning.core.rewards import Distance
-from skiros2_learning.core.scenario import Criterion, Scenario, Step, load_scenario
+from skiros2_learning.core.scenario import Scenario, Step, load_scenario
 from skiros2_learning.core.variables import Variable
 from skiros2_learning.local.episode import check_scenario
 

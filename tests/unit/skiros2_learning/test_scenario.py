@@ -79,38 +79,42 @@ def test_all_mistakes_are_reported_at_once() -> None:
     )
     text = "\n".join(found)
     for expected in (
-        "variabels: unknown key; near: variables",
-        "variables.x.range: expected the lower bound first, got [1, 0]",
-        "variables.x.prior.mean: expected 0 to 1, the range of the variable, got 7",
+        "line 4: variabels: unknown key; near: variables",
+        "line 6: variables.x.range: expected the lower bound first, got [1, 0]",
+        "line 6: variables.x.prior.mean: expected 0 to 1, the range of the variable, got 7",
         "variables.x.prior.std: expected more than 0, got 0",
         "variables.y.type: unknown: 'reel'; near: real",
         "variables.y.range: expected a finite number, got inf",
         "variables.z.values: expected at least two, got 1",
         "objectives.cost.sense: unknown: 'minimize'; near: minimise",
         "objectives.cost.rewards[0].reward: unknown: 'goal_distanse'; near: goal_distance",
-        "objectives.other.rewards[0].width: expected more than 0, got -1",
+        "line 11: objectives.other.rewards[0].width: expected more than 0, got -1",
         "objectives.other.rewards[0].weigth: unknown key; near: weight",
         "budget.evaluations: expected at least 1, got 0",
         "repetitions: expected an integer, got 'many'",
         "success[0]: expected at_least or at_most",
-        "success[0].at_msot: unknown key; near: at_most",
+        "line 14: success[0].at_msot: unknown key; near: at_most",
     ):
         assert expected in text
+    lines = [int(each.split()[1].rstrip(":")) for each in found]
+    assert lines == sorted(lines)
 
 
 def test_values_that_contradict_each_other_are_refused() -> None:
     criterion = "success: [{reward: signal, series: value, at_least: 2, at_most: 1}]\n"
     found = problems(f"{PLAIN}repetitions: 3\nmax_failures: 4\n{criterion}")
     assert sorted(found) == [
-        "max_failures: expected at most 3, the repetitions, got 4",
-        "success[0].at_least: expected at most 1, as at_most, got 2",
+        "line 12: max_failures: expected at most 3, the repetitions, got 4",
+        "line 13: success[0].at_least: expected at most 1, as at_most, got 2",
     ]
     few = parse_scenario(f"{PLAIN}repetitions: 4\nmax_failures: 3\n", Path("/")).derived(repetitions=2)
     assert (few.repetitions, few.max_failures) == (2, 2)
-    assert "the key 'seed' occurs twice" in problems(f"{PLAIN}seed: 1\nseed: 2\n")[0]
+    twice = ("line 12: seed: the key occurs twice", "line 13: sede: unknown key; near: seed, scene")
+    assert problems(f"{PLAIN}seed: 1\nseed: 2\nsede: 3\n") == twice
     text = PUSH.read_text().replace("../scene", str(PUSH.parent / "../scene"))
     fixed = text.replace("{Object: Block,", "{StartX: 0.1, Object: Block,")
-    assert problems(fixed) == ("variables.Push.StartX: a variable, and fixed in the task: expected one of them",)
+    expected = "line 13: variables.Push.StartX: a variable, and fixed in the task: expected one of them"
+    assert problems(fixed) == (expected,)
 
 
 def test_scales_and_constraints_between_variables_are_read_and_checked() -> None:
@@ -124,21 +128,20 @@ def test_scales_and_constraints_between_variables_are_read_and_checked() -> None
         + "restrictions: [{sum: {siez: 1}, at_most: 0}, {sum: {gait: 1}, at_most: 0}, {sum: {x: 1}}]\n"
     )
     assert sorted(found) == [
-        "restrictions[2]: expected at_least or at_most",
-        "variables.x.scale: expected log only for a range above 0",
+        "line 11: restrictions[2]: expected at_least or at_most",
+        "line 5: variables.x.scale: expected log only for a range above 0",
     ]
     (first, second) = problems(f"{PLAIN}restrictions: [{{sum: {{siez: 1, gait: 1}}, at_most: 0}}]\n")
-    assert first == "restrictions[0].sum.siez: expected a variable that is a number, and always there; near: size"
+    expected = "expected a variable that is a number, and always there"
+    assert first == f"line 11: restrictions[0].sum.siez: {expected}; near: size"
+    assert second.startswith(f"line 11: restrictions[0].sum.gait: {expected}; there are: n, size, x")
     never = "restrictions: [{sum: {x: 1, size: 1}, at_most: 0.5}]\n"
-    assert problems(PLAIN + never) == ("restrictions[0]: no values of the variables satisfy it",)
-    assert second.startswith(
-        "restrictions[0].sum.gait: expected a variable that is a number, and always there; there are: n, size, x"
-    )
+    assert problems(PLAIN + never) == ("line 11: restrictions[0]: no values of the variables satisfy it",)
 
 
 def test_a_variable_must_belong_to_a_step_of_the_task() -> None:
     text = PUSH.read_text().replace("  Push.StartX", "  Pull.StartX").replace("../scene", str(PUSH.parent / "../scene"))
-    assert problems(text) == ("variables.Pull.StartX: expected STEP.PARAMETER with a step of the task: Push",)
+    assert problems(text) == ("line 13: variables.Pull.StartX: expected STEP.PARAMETER with a step of the task: Push",)
 
 
 def test_a_configuration_is_checked_as_a_whole() -> None:

@@ -122,7 +122,7 @@ def program(status: Callable[[str, Sequence[str]], int]) -> Callable[..., NoRetu
 
 
 def run_command(program: str, work: Callable[[], CommandResult], as_json: bool, refused: int = REFUSED) -> int:
-    """Runs a command and prints its result, or an error in one line on stderr.
+    """Runs a command and prints its result, or an error on stderr: in one line, or in one for each of its `texts`.
 
     :param refused: the exit status for a refused command.
     :returns: the exit status.
@@ -131,7 +131,8 @@ def run_command(program: str, work: Callable[[], CommandResult], as_json: bool, 
     try:
         result = work()
     except SkirosError as error:
-        sys.stderr.write(f"{program}: {' '.join(str(error).split())}\n")
+        for text in getattr(error, "texts", (str(error),)):
+            sys.stderr.write(f"{program}: {' '.join(text.split())}\n")
         return getattr(error, "status", refused)
     except KeyboardInterrupt:
         return INTERRUPTED

@@ -31,7 +31,8 @@ from skiros2_learning.core.policy import Policy, has_variations, learn_variation
 from skiros2_learning.core.policy_table import applicable_policy, stored_policy
 from skiros2_learning.core.pools import DASK, Workers
 from skiros2_learning.core.report import describe, format_value, status_lines, write_report
-from skiros2_learning.core.scenario import OPTIMISERS, Scenario, load_scenario, plugins_of
+from skiros2_learning.core.scenario import OPTIMISERS, Scenario
+from skiros2_learning.core.scenario_check import load_checked, plugins_of
 from skiros2_learning.core.storage import public_name
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.validation import Sample, applicable, sample_text, share_text, stored_validation
@@ -44,10 +45,9 @@ _CHECKS, _LEAST_SUCCESS, _CHECK_NUMBER = 5, 0.5, 1_000_000
 
 
 def _run(options: argparse.Namespace) -> CommandResult:
-    scenario = _changed(load_scenario(options.scenario), options)
+    scenario = _changed(load_checked(options.scenario), options)
     earlier = [LearningStudy.open(folder) for folder in (*scenario.prior_from, *options.prior_study)]
     scenario, first = with_earlier(scenario, earlier) if earlier else (scenario, [])
-    check_execution(scenario)
     folder = options.study or Path("build/learning") / scenario.name
     study = LearningStudy.create(scenario, folder, options.storage)
     for configuration in first:
@@ -106,7 +106,7 @@ def _replay(options: argparse.Namespace) -> CommandResult:
 
 
 def _variations(options: argparse.Namespace) -> CommandResult:
-    scenario = _changed(load_scenario(options.scenario), options)
+    scenario = _changed(load_checked(options.scenario), options)
     middle = {each.name: sum(each.range) / 2.0 for each in scenario.variations}
     check_execution(scenario.derived(variation=middle))
     folder = options.study or Path("build/learning") / f"{scenario.name}_variations"
@@ -249,8 +249,7 @@ def _check(options: argparse.Namespace) -> CommandResult:
             f"{options.scenario} names plug-ins, whose code would run: {', '.join(plugins)}; read them, then: "
             f"learn check --plugins {options.scenario}"
         )
-    scenario = load_scenario(options.scenario)
-    check_execution(scenario)
+    scenario = load_checked(options.scenario)
     variables = [
         f"{each.name}: {each.range_text}{f'; only if {each.condition_text}' if each.only_if else ''}"
         for each in scenario.variables

@@ -195,7 +195,7 @@ def check_execution(scenario: Scenario) -> None:
     """Checks a scenario against the scene and the skills of its execution: by `check_scenario(scenario)` in the module
     of the execution, if there is one. Nothing is simulated.
 
-    :raises ConfigurationError: the text names all problems.
+    :raises ConfigurationError: the text names all problems; a `ScenarioError` has their lines.
     """
     module = importlib.import_module(find_execution(scenario.execution).__module__)
     check = getattr(module, "check_scenario", None)

@@ -98,7 +98,7 @@ def import_hypermapper(file: Path) -> str:
     try:
         found = read(_File, data)
     except ValidationError as error:
-        raise ConfigurationError(f"{file}: {'; '.join(mistakes_of(error))}") from None
+        raise ConfigurationError(f"{file}: {'; '.join(text for _, text in mistakes_of(error))}") from None
     initial = found.design_of_experiment.number_of_samples
     scenario = {
         "scenario": found.application_name or file.stem,

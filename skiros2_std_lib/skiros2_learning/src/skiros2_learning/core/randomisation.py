@@ -10,8 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import PlainValidator
 
-from skiros2_common.core.errors import UnknownName
-from skiros2_learning.core.sections import Keyed, NotNegative, Positive, Section, Text, near, read
+from skiros2_learning.core.sections import Keyed, NotNegative, Positive, Section, Text, UnknownNames, near, read
 from skiros2_motion.core.geometry import Pose, from_euler, multiplied
 from skiros2_sim.core.scene_spec import BodySpec, SceneSpec
 from skiros2_sim.core.wrist_sensor import EXACT, SensorModel
@@ -102,12 +101,12 @@ class Quantity:
 def draw(scene: SceneSpec, randomisation: Randomisation, random: np.random.Generator) -> Draw:
     """Draws one reality. The order of the bodies in the scene determines the order of random numbers.
 
-    :raises UnknownName: a body is not in the scene.
+    :raises UnknownNames: bodies are not in the scene.
     """
     labels = {body.label for body in scene.bodies}
     unknown = [label for label in randomisation.bodies if label not in labels]
     if unknown:
-        raise UnknownName("; ".join(f"no body is labelled {label!r}; {near(label, labels)}" for label in unknown))
+        raise UnknownNames({label: f"no body is labelled {label!r}; {near(label, labels)}" for label in unknown})
     friction: dict[str, float] = {}
     bodies: list[BodySpec] = []
     for body in scene.bodies:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import logging
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,8 +13,9 @@ import yaml
 from pydantic import AfterValidator, Field, PlainValidator, SkipValidation, ValidationError, ValidationInfo
 
 from skiros2_common.core.errors import ConfigurationError, WrongValue
-from skiros2_common.core.yaml_text import read_yaml
+from skiros2_common.core.yaml_text import YamlText, read_yaml
 from skiros2_common.tools.libraries import find_libraries
+from skiros2_learning.core.objectives import Criteria, Objective
 from skiros2_learning.core.platforms import (
     PLATFORMS,
     REAL_SKILLS,
@@ -26,14 +26,12 @@ from skiros2_learning.core.platforms import (
     Step,
 )
 from skiros2_learning.core.randomisation import NO_RANDOMISATION, Randomisation
-from skiros2_learning.core.rewards import Reward, RewardSection, read_reward
+from skiros2_learning.core.rewards import Reward
 from skiros2_learning.core.sections import (
     Count,
     Mistake,
-    Name,
     Named,
     Natural,
-    Number,
     Positive,
     Section,
     Some,
@@ -42,6 +40,7 @@ from skiros2_learning.core.sections import (
     mistakes_of,
     near,
     numbers,
+    path_text,
     read,
 )
 from skiros2_learning.core.variables import Restriction, Value, Variable, check_conditions, existing
@@ -58,88 +57,23 @@ VERSION = 1
 #: What a validator knows: `context` is the folder of the file, `data` the values of the fields before its own.
 _Info = ValidationInfo[Any]
 
-Sense = Literal["maximise", "minimise"]
-
 
 class ScenarioError(ConfigurationError):
-    """A scenario with mistakes.
+    """A scenario with mistakes: `problems` has a text for each, in the order of the file.
 
-    :param problems: all of them, one line each.
+    :param source: the name of the file or scenario.
+    :param mistakes: the path of each, () if it is not known, and a line of text.
+    :param text: of the file, for line numbers; "" if these are not known.
     """
 
-    def __init__(self, source: str, problems: Sequence[str]) -> None:
-        super().__init__(f"{source}: {'; '.join(problems)}")
-        self.problems = tuple(problems)
-
-
-@dataclass(frozen=True)
-class WeightedReward:
-    """A reward as a part of an objective.
-
-    :param name: as in the scenario, for reports.
-    """
-
-    name: str
-    weight: float
-    reward: Reward
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Weighted(RewardSection):
-    weight: Number = 1.0
-
-
-def _read_weighted(data: Any) -> WeightedReward:
-    name, reward, section = read_reward(_Weighted, data)
-    return WeightedReward(name, section.weight, reward)
-
-
-@dataclass(frozen=True)
-class Objective(Section):
-    """A weighted sum of rewards, kept apart from other objectives."""
-
-    name: Name
-    rewards: Annotated[tuple[Annotated[WeightedReward, PlainValidator(_read_weighted)], ...], Some]
-    sense: Sense = "maximise"
-
-
-@dataclass(frozen=True)
-class Criterion:
-    """A reward with limits: a constraint, or a part of the definition of success.
-
-    :param name: as in the scenario, for reports.
-    """
-
-    name: str
-    reward: Reward
-    at_least: float = -math.inf
-    at_most: float = math.inf
-
-    def violation(self, value: float) -> float:
-        """How far a value is outside the limits; 0 or less inside."""
-        return max(self.at_least - value, value - self.at_most)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Limited(RewardSection):
-    at_least: Number = -math.inf
-    at_most: Number = math.inf
-
-    @classmethod
-    def mistakes(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        if not data.keys() & {"at_least", "at_most"}:
-            yield (), "expected at_least or at_most"
-        low, high = numbers(data.get("at_least")), numbers(data.get("at_most"))
-        if low and high and low > high:
-            yield ("at_least",), f"expected at most {high[0]:g}, as at_most, got {low[0]:g}"
-
-
-def _read_criterion(data: Any) -> Criterion:
-    name, reward, section = read_reward(_Limited, data)
-    return Criterion(name, reward, section.at_least, section.at_most)
-
-
-Criteria = tuple[Annotated[Criterion, PlainValidator(_read_criterion)], ...]
+    def __init__(self, source: str, mistakes: Sequence[Mistake], text: str = "") -> None:
+        lines = [YamlText(text).line(path) if text else 0 for path, _ in mistakes]
+        found = sorted(zip(lines, (each for _, each in mistakes), strict=True), key=lambda each: each[0])
+        self.problems = tuple(f"line {line}: {each}" if line else each for line, each in found)
+        super().__init__(f"{source}: {'; '.join(self.problems)}")
+        #: One for each problem, if they are printed one after the other.
+        self.texts = [f"{source}: {each}" for each in self.problems]
+        self.mistakes, self.text = tuple(mistakes), text
 
 
 @dataclass(frozen=True)
@@ -264,7 +198,8 @@ class Scenario(Section):
     :param variation: their values in this study, by name; {} for those of the scene.
     :param prior_from: folders of earlier studies, whose good configurations are the priors; see `earlier_studies`.
     :param goal: the goal that the task is the plan for; "" if it has none.
-    :param source: the text of the file.
+    :param source: the text of the file, with the changes of `derived`.
+    :param original: the text of the file, for the lines of mistakes.
     """
 
     # in this order: some validators need the values of fields before their own
@@ -299,6 +234,7 @@ class Scenario(Section):
     goal: Text = ""
     real: RealPlatform = field(default_factory=RealPlatform)
     source: str = ""
+    original: str = ""
 
     @classmethod
     def completed(cls, data: dict[str, Any]) -> dict[str, Any]:
@@ -310,8 +246,8 @@ class Scenario(Section):
 
     @classmethod
     def mistakes(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        if "source" in data:
-            yield ("source",), "unknown key"
+        for key in data.keys() & {"source", "original"}:
+            yield (key,), "unknown key"
         most, failures = data.get("repetitions", cls.repetitions), data.get("max_failures")
         if isinstance(most, int) and isinstance(failures, int) and failures > max(1, most):
             yield ("max_failures",), f"expected at most {most}, the repetitions, got {failures}"
@@ -324,8 +260,18 @@ class Scenario(Section):
     @property
     def all_rewards(self) -> list[Reward]:
         """The rewards of objectives, constraints and success."""
-        weighted = [part.reward for objective in self.objectives for part in objective.rewards]
-        return weighted + [criterion.reward for criterion in (*self.constraints, *self.success)]
+        return [reward for _, reward in self.reward_paths]
+
+    @property
+    def reward_paths(self) -> list[tuple[tuple[str | int, ...], Reward]]:
+        """The rewards of objectives, constraints and success, with their paths in the file."""
+        parts = [(each.name, i, part.reward) for each in self.objectives for i, part in enumerate(each.rewards)]
+        found: list[tuple[tuple[str | int, ...], Reward]] = [
+            (("objectives", name, "rewards", i), reward) for name, i, reward in parts
+        ]
+        for key, criteria in (("constraints", self.constraints), ("success", self.success)):
+            found += [((key, i), each.reward) for i, each in enumerate(criteria)]
+        return found
 
     @property
     def typical(self) -> dict[str, Value]:
@@ -390,7 +336,7 @@ class Scenario(Section):
             if changed_priors is not None and name in changed_priors:
                 variable["prior"] = dict(changed_priors[name])
         text = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
-        return parse_scenario(text, Path("/"), self.name)
+        return _parsed(text, Path("/"), self.name, original=self.original)
 
 
 def load_scenario(file: str | Path, is_stored: bool = False) -> Scenario:
@@ -408,16 +354,6 @@ def load_scenario(file: str | Path, is_stored: bool = False) -> Scenario:
     return parse_scenario(text, path.resolve().parent, str(path), is_stored)
 
 
-def plugins_of(file: str | Path) -> list[str]:
-    """Returns the plug-ins that a scenario file names, without importing them; [] if it cannot be read."""
-    try:
-        data = read_yaml(Path(file).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, WrongValue):
-        return []
-    found = data.get("plugins") if isinstance(data, Mapping) else None
-    return [str(each) for each in found] if isinstance(found, list) else []
-
-
 def parse_scenario(text: str, folder: Path, source: str = "scenario", is_stored: bool = False) -> Scenario:
     """Reads a scenario.
 
@@ -425,17 +361,30 @@ def parse_scenario(text: str, folder: Path, source: str = "scenario", is_stored:
     :param source: for error texts.
     :param is_stored: whether it is that of a study: `max_failures` above `repetitions`, which earlier versions
         accepted, counts as `repetitions`, with a warning.
-    :raises ScenarioError: it has mistakes; the text names all of them.
+    :raises ScenarioError: it has mistakes; the text names all of them, with their lines.
+    """
+    return _parsed(text, folder, source, is_stored, text)
+
+
+def _parsed(text: str, folder: Path, source: str, is_stored: bool = False, original: str = "") -> Scenario:
+    """Same as `parse_scenario`.
+
+    :param original: the text of the file that the text is made of.
     """
     try:
-        data = read_yaml(text, unique_keys=True)
+        found = YamlText(text)
     except WrongValue as error:
-        raise ScenarioError(source, [str(error)]) from None
+        raise ScenarioError(source, [((), str(error))]) from None
+    data = found.data
     if is_stored and isinstance(data, dict) and any(path == ("max_failures",) for path, _ in Scenario.mistakes(data)):
         most = data.get("repetitions", Scenario.repetitions)
         log.warning("%s: max_failures is %s, taken as %s, the repetitions", source, data["max_failures"], most)
         data["max_failures"] = most
+    mistakes: list[Mistake] = [(path, f"{path_text(path)}: the key occurs twice") for path in found.repeated]
     try:
-        return replace(read(Scenario, data, folder), source=text)
+        scenario = replace(read(Scenario, data, folder), source=text, original=original)
     except ValidationError as error:
-        raise ScenarioError(source, mistakes_of(error)) from None
+        mistakes += mistakes_of(error)
+    if mistakes:
+        raise ScenarioError(source, mistakes, text if original is text else "")
+    return scenario

@@ -18,6 +18,7 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError, core_schema
 
+from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.names import nearest
 
 T = TypeVar("T")
@@ -53,6 +54,17 @@ Mistake = tuple[tuple[str | int, ...], str]
 
 
 _adapter: Callable[[Any], TypeAdapter[Any]] = functools.cache(TypeAdapter)
+
+
+class UnknownNames(UnknownName):
+    """Several names are unknown.
+
+    :param problems: by name, a text for each.
+    """
+
+    def __init__(self, problems: Mapping[str, str]) -> None:
+        super().__init__("; ".join(problems.values()))
+        self.problems = problems
 
 
 class Section:
@@ -95,12 +107,13 @@ def read(cls: type[T], data: Any, context: Any = None) -> T:
     return made
 
 
-def mistakes_of(error: ValidationError, where: str = "") -> list[str]:
-    """Returns the mistakes that `read` has found, one line each.
+def mistakes_of(error: ValidationError, *where: str) -> list[Mistake]:
+    """Returns the mistakes that `read` has found: the path of each, and a line of text that begins with it.
 
     :param where: path of the data.
     """
-    return [f"{_path([where, *each['loc']])}: {each['msg']}" for each in error.errors(include_url=False)]
+    found = [((*where, *each["loc"]), each["msg"]) for each in error.errors(include_url=False)]
+    return [(path, f"{path_text(path)}: {text}") for path, text in found]
 
 
 def near(name: str, known: Collection[str]) -> str:
@@ -161,7 +174,7 @@ def _text(error: Any, keys: Collection[str]) -> str:
     return str(details.get("error", error["msg"]))
 
 
-def _path(parts: Iterable[str | int]) -> str:
+def path_text(parts: Iterable[str | int]) -> str:
     """Returns a path such as `objectives.cost.rewards[0].weight`."""
     path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts)
     return path.strip(".") or "scenario"

@@ -31,7 +31,8 @@ from skiros2_learning.core.intervals import (
     mean_interval,
     share_interval,
 )
-from skiros2_learning.core.scenario import Objective, Scenario
+from skiros2_learning.core.objectives import Objective
+from skiros2_learning.core.scenario import Scenario
 from skiros2_learning.core.study import LearningStudy
 from skiros2_learning.core.variables import Value
 

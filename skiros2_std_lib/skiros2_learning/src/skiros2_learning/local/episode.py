@@ -10,6 +10,7 @@ import math
 import threading
 from collections.abc import Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,11 +21,11 @@ from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_learning.core.elements import find_element
 from skiros2_learning.core.episode_record import EpisodeRecord
-from skiros2_learning.core.randomisation import Draw, Quantity, draw, quantities
+from skiros2_learning.core.randomisation import NO_RANDOMISATION, Draw, Quantity, draw, quantities
 from skiros2_learning.core.rewards import names_used
-from skiros2_learning.core.scenario import Scenario, Step
-from skiros2_learning.core.sections import near
-from skiros2_learning.core.variables import Value
+from skiros2_learning.core.scenario import Scenario, ScenarioError, Step
+from skiros2_learning.core.sections import Mistake, UnknownNames, near
+from skiros2_learning.core.variables import Value, Variable
 from skiros2_learning.local.knowledge import fresh_world_model
 from skiros2_learning.local.no_drivers import NoDrivers
 from skiros2_learning.local.recorder import Recorder
@@ -217,21 +218,43 @@ class Episode:
 def check_scenario(scenario: Scenario) -> None:
     """Checks a scenario against its scene and skills: labels, parameters, ranges; nothing is simulated.
 
-    :raises ConfigurationError: the text names all problems.
+    :raises ConfigurationError: the text names all problems; a `ScenarioError` has their lines.
     """
+    mistakes: list[Mistake] = []
     with FakeClock() as clock:
         try:
-            episode = Episode(scenario, scenario.seed, 0, clock)
+            with _comparable(scenario, clock, mistakes) as episode:
+                mistakes += step_mistakes(scenario, episode.bench)
         except ConfigurationError:
             raise
         except SkirosError as error:
             raise ConfigurationError(f"scenario {scenario.name}: {error}") from None
-        with episode:
-            problems = [text for step in scenario.task for text in step_problems(scenario, step, episode.bench)]
-    if problems and LocalDrivers is NoDrivers:
-        problems.append("ROS is not installed: skills that use its actions or services are not there")
-    if problems:
-        raise ConfigurationError(f"scenario {scenario.name}: {'; '.join(problems)}")
+    if mistakes and LocalDrivers is NoDrivers:
+        mistakes.append(((), "ROS is not installed: skills that use its actions or services are not there"))
+    if mistakes:
+        raise ScenarioError(f"scenario {scenario.name}", mistakes, scenario.original)
+
+
+def _comparable(scenario: Scenario, clock: FakeClock, mistakes: list[Mistake]) -> Episode:
+    """Returns an episode to compare the steps with: if its scene has not all that randomisation and rewards name,
+    without these.
+
+    :param mistakes: what they name wrongly is added.
+    """
+    paths: dict[str, tuple[str | int, ...]] = {
+        name: ("randomisation", "bodies", name) for name in scenario.randomisation.bodies
+    }
+    for path, reward in scenario.reward_paths:
+        things, _, series = names_used([reward])
+        paths |= dict.fromkeys(things | series, path)
+    no_rewards: dict[str, Any] = {"objectives": (), "success": (), "constraints": ()}
+    for removed in ({}, {"randomisation": NO_RANDOMISATION}):
+        try:
+            return Episode(replace(scenario, **removed), scenario.seed, 0, clock)
+        except UnknownNames as error:
+            found = [(paths[name], text) for name, text in error.problems.items()]
+            mistakes += [each for each in found if each not in mistakes]
+    return Episode(replace(scenario, randomisation=NO_RANDOMISATION, **no_rewards), scenario.seed, 0, clock)
 
 
 def randomised_quantities(scenario: Scenario) -> list[Quantity]:
@@ -262,42 +285,52 @@ def default_configuration(scenario: Scenario) -> dict[str, Value]:
     return found
 
 
-def step_problems(scenario: Scenario, step: Step, bench: SkillBench) -> list[str]:
-    """Describes what does not fit between a step with its variables and the skills and elements of a bench."""
-    try:
-        declared = declared_parameters(bench, step)
-    except SkirosError as error:
-        return [str(error)]
-    found = []
-    variables = {v.name.rpartition(".")[2]: v for v in scenario.variables if v.name.rpartition(".")[0] == step.name}
-    for key in (*step.parameters, *variables):
-        if key not in declared:
-            found.append(f"{step.skill} has no parameter {key!r}; {near(key, declared)}")
-    given = {*step.parameters, *variables}
-    found += [
-        f"{step.name}.{key}: missing; the skill requires a value: fix it in the task, or make it a variable"
-        for key, param in declared.items()
-        if key not in given and is_missing(param)
-    ]
-    for key, variable in variables.items():
-        if key not in declared:
+def step_mistakes(scenario: Scenario, bench: SkillBench) -> list[Mistake]:
+    """Describes what does not fit between the steps with their variables and the skills and elements of a bench."""
+    found: list[Mistake] = []
+    for index, step in enumerate(scenario.task):
+        try:
+            declared = declared_parameters(bench, step)
+        except SkirosError as error:
+            found.append((("task", index, "skill"), str(error)))
             continue
-        param = declared[key]
-        ends = variable.values or (variable.low, variable.high)
-        if param.is_element:
-            found.append(f"{variable.name}: an element cannot be learned; only numbers, texts and truth values can")
-        elif variable.only_if and is_missing(param):
-            found.append(f"{variable.name}: exists not always, but the skill requires a value: give it a default")
-        elif problem := param.limits.problem(ends):
-            found.append(f"{variable.name}: the skill allows other values: {problem}")
-    for key, value in step.parameters.items():
-        if key in declared and declared[key].is_element and isinstance(value, str):
-            try:
-                find_element(bench.wmi, value)
-            except SkirosError:
-                labels = [e.label for e in bench.wmi.get_scene_elements() if e.label]
-                found.append(f"{step.name}.{key}: no element is labelled {value!r}; {near(value, labels)}")
+        variables = {v.name.rpartition(".")[2]: v for v in scenario.variables if v.name.rpartition(".")[0] == step.name}
+        places: dict[str, tuple[str | int, ...]] = {key: ("variables", each.name) for key, each in variables.items()}
+        places |= {key: ("task", index, "parameters", key) for key in step.parameters}
+        for key, place in places.items():
+            if key not in declared:
+                found.append((place, f"{step.skill} has no parameter {key!r}; {near(key, declared)}"))
+        text = "missing; the skill requires a value: fix it in the task, or make it a variable"
+        found += [
+            (("variables", f"{step.name}.{key}"), f"{step.name}.{key}: {text}")
+            for key, param in declared.items()
+            if key not in places and is_missing(param)
+        ]
+        for key, variable in variables.items():
+            if key in declared and (mistake := _variable_mistake(variable, declared[key])):
+                found.append(mistake)
+        for key, value in step.parameters.items():
+            if key in declared and declared[key].is_element and isinstance(value, str):
+                try:
+                    find_element(bench.wmi, value)
+                except SkirosError:
+                    labels = [e.label for e in bench.wmi.get_scene_elements() if e.label]
+                    text = f"{step.name}.{key}: no element is labelled {value!r}; {near(value, labels)}"
+                    found.append((places[key], text))
     return found
+
+
+def _variable_mistake(variable: Variable, param: Param) -> Mistake | None:
+    path = ("variables", variable.name)
+    if param.is_element:
+        return path, f"{variable.name}: an element cannot be learned; only numbers, texts and truth values can"
+    if variable.only_if and is_missing(param):
+        text = "exists not always, but the skill requires a value: give it a default"
+        return (*path, "only_if"), f"{variable.name}: {text}"
+    if problem := param.limits.problem(variable.values or (variable.low, variable.high)):
+        key = "values" if variable.values else "range"
+        return (*path, key), f"{variable.name}: the skill allows other values: {problem}"
+    return None
 
 
 def declared_parameters(bench: SkillBench, step: Step) -> dict[str, Param]:

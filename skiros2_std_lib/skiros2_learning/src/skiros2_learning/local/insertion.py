@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, ValidationError
 
-from skiros2_common.core.errors import ConfigurationError, SkirosError
+from skiros2_common.core.errors import SkirosError
 from skiros2_contact_skills.fit import Fit
 from skiros2_learning.core.episode_record import EpisodeRecord
 from skiros2_learning.core.randomisation import Quantity, sensor_quantities
@@ -24,7 +24,7 @@ from skiros2_learning.core.rewards import names_used
 from skiros2_learning.core.scenario import Scenario, ScenarioError
 from skiros2_learning.core.sections import Mistake, NotNegative, Section, mistakes_of, near, numbers, read
 from skiros2_learning.core.variables import Value
-from skiros2_learning.local.episode import declared_parameters, step_problems
+from skiros2_learning.local.episode import declared_parameters, step_mistakes
 from skiros2_learning.local.insertion_study import SCENE, InsertionStudy, insertion_skills
 from skiros2_sim.core.wrist_sensor import SensorModel
 from skiros2_skill.testing import SkillBench
@@ -118,31 +118,37 @@ def default_configuration(scenario: Scenario) -> dict[str, Value]:
 def check_scenario(scenario: Scenario) -> None:
     """Checks a scenario against the skills of the insertion; nothing is simulated.
 
-    :raises ConfigurationError: the text names all problems.
+    :raises ScenarioError: the text names all problems, with their lines.
     """
-    _settings(scenario)
-    problems = []
-    randomisation = scenario.randomisation
-    if randomisation.bodies or randomisation.starts:
-        problems.append("randomisation: the insertion has only `sensor`; errors of poses are in `settings`")
+    mistakes: list[Mistake] = []
+    try:
+        _settings(scenario)
+    except ScenarioError as error:
+        mistakes += error.mistakes
+    for part in ("bodies", "starts"):
+        if getattr(scenario.randomisation, part):
+            text = "randomisation: the insertion has only `sensor`; errors of poses are in `settings`"
+            mistakes.append((("randomisation", part), text))
     with SkillBench(SCENE) as bench:
         try:
             bench.load(*insertion_skills(parameters=_parameters(scenario, {})))
         except SkirosError as error:
-            problems.append(str(error))
+            mistakes.append((("task",), str(error)))
         else:
-            problems += [text for step in scenario.task for text in step_problems(scenario, step, bench)]
+            mistakes += step_mistakes(scenario, bench)
     names = {step.name for step in scenario.task}
     for variable in scenario.variables:
         step = variable.name.rpartition(".")[0]
         if step not in names:
-            problems.append(f"{variable.name}: no step is called {step!r}; {near(step, names)}")
-    things, _, series = names_used(scenario.all_rewards)
+            text = f"{variable.name}: no step is called {step!r}; {near(step, names)}"
+            mistakes.append((("variables", variable.name), text))
     known = {DEPTH, TILT, ARM_FORCE}
-    problems += [f"no series {each!r} is recorded; {near(each, known)}" for each in sorted(series - known)]
-    problems += [f"rewards: the insertion does not record the pose of {each!r}" for each in sorted(things)]
-    if problems:
-        raise ConfigurationError(f"scenario {scenario.name}: {'; '.join(problems)}")
+    for path, reward in scenario.reward_paths:
+        things, _, series = names_used([reward])
+        mistakes += [(path, f"no series {each!r} is recorded; {near(each, known)}") for each in sorted(series - known)]
+        mistakes += [(path, f"rewards: the insertion does not record the pose of {each!r}") for each in sorted(things)]
+    if mistakes:
+        raise ScenarioError(f"scenario {scenario.name}", mistakes, scenario.original)
 
 
 @functools.cache
@@ -159,7 +165,7 @@ def _settings(scenario: Scenario) -> Settings:
     try:
         return read(Settings, scenario.settings)
     except ValidationError as error:
-        raise ScenarioError(f"scenario {scenario.name}", mistakes_of(error, "settings")) from None
+        raise ScenarioError(f"scenario {scenario.name}", mistakes_of(error, "settings"), scenario.original) from None
 
 
 def _parameters(scenario: Scenario, configuration: dict[str, Value]) -> dict[str, dict[str, Value]]:

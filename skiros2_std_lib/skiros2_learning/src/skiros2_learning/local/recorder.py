@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 
-from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_learning.core.episode_record import EpisodeRecord
-from skiros2_learning.core.sections import near
+from skiros2_learning.core.sections import UnknownNames, near
 from skiros2_motion.core.geometry import Pose
 from skiros2_sim.core.arm import Arm
 from skiros2_sim.core.world import World
@@ -24,7 +23,7 @@ class Recorder:
     :param ids: of all elements of the scene, by label.
     :param fixed: poses in the map of elements without a body, such as goals, by label.
     :param things, pairs, series: what to record; see `rewards.names_used`.
-    :raises UnknownName: a label or a series does not exist; the text names all.
+    :raises UnknownNames: a label or a series does not exist.
     """
 
     outcome: object | None = None  # of a motion of the world: never ends
@@ -45,11 +44,11 @@ class Recorder:
         known = {label for label, eid in ids.items() if eid in world} | set(fixed)
         solid = {label for label, eid in ids.items() if eid in world.bodies or eid in world.grippers}
         possible = {f"{arm}.{quantity}" for arm in arms for quantity in _SERIES}
-        problems = [f"nothing with a pose is labelled {t!r}; {near(t, known)}" for t in things if t not in known]
-        problems += [f"{t!r} has no shape" for pair in pairs for t in pair if t in known and t not in solid]
-        problems += [f"there is no series {name!r}; {near(name, possible)}" for name in series if name not in possible]
+        problems = {t: f"{t!r} has no shape" for pair in pairs for t in pair if t not in solid}
+        problems |= {t: f"nothing with a pose is labelled {t!r}; {near(t, known)}" for t in things if t not in known}
+        problems |= {s: f"there is no series {s!r}; {near(s, possible)}" for s in series if s not in possible}
         if problems:
-            raise UnknownName("; ".join(problems))
+            raise UnknownNames(problems)
         self._things = sorted(things)
         self._pairs = sorted(pairs)
         self._series = sorted(series)

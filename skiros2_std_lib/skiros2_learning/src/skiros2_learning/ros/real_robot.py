@@ -24,8 +24,8 @@ from skiros2_learning.core.elements import find_element
 from skiros2_learning.core.episode_record import EpisodeRecord
 from skiros2_learning.core.evaluation import Unavailable
 from skiros2_learning.core.rewards import names_used
-from skiros2_learning.core.scenario import Scenario, Step
-from skiros2_learning.core.sections import near
+from skiros2_learning.core.scenario import Scenario, ScenarioError, Step
+from skiros2_learning.core.sections import Mistake, near
 from skiros2_learning.core.variables import Value
 from skiros2_motion.core.geometry import Pose
 from skiros2_msgs.msg import SkillProgress
@@ -54,14 +54,20 @@ def run_episode(scenario: Scenario, configuration: Mapping[str, Value], seed: in
 def check_scenario(scenario: Scenario) -> None:
     """Checks what a scenario asks of a real robot.
 
-    :raises ConfigurationError: the text names all problems.
+    :raises ScenarioError: the text names all problems, with their lines.
     """
-    _, pairs, series = names_used(scenario.all_rewards)
     known = scenario.real.signals
-    problems = [f"real.signals: no signal for the series {name!r}; {near(name, known)}" for name in series - set(known)]
-    problems += [f"distances are not measured on a real robot: {one!r} to {other!r}" for one, other in pairs]
-    if problems:
-        raise ConfigurationError(f"scenario {scenario.name}: {'; '.join(sorted(problems))}")
+    mistakes: list[Mistake] = []
+    for path, reward in scenario.reward_paths:
+        _, pairs, series = names_used([reward])
+        unknown = sorted(series - set(known))
+        mistakes += [
+            (path, f"real.signals: no signal for the series {name!r}; {near(name, known)}") for name in unknown
+        ]
+        text = "distances are not measured on a real robot"
+        mistakes += [(path, f"{text}: {one!r} to {other!r}") for one, other in sorted(pairs)]
+    if mistakes:
+        raise ScenarioError(f"scenario {scenario.name}", mistakes, scenario.original)
 
 
 class RealRobot:

@@ -59,7 +59,7 @@ def _restart(folder: Path) -> Measurement:
         return seconds
 
     name = f"restart after a kill: {ELEMENTS} elements, {ENTRIES} journal entries"
-    return paired(name, restart, "start that loads the same scene", load, unit="s", runs=3, warm_up=0, target=1.5)
+    return paired(name, restart, "start that loads the same scene", load, unit="s", runs=2, warm_up=0, target=1.5)
 
 
 def _updates(folder: Path) -> Iterator[Measurement]:

@@ -220,7 +220,7 @@ def _files(world: World) -> Iterator[Measurement]:
             peer_name,
             lambda call=peer: _timed(call),  # type: ignore[misc]
             unit="s",
-            runs=1 if target else 3,
+            runs=1 if target else 2,
             warm_up=0,
             target=target,
         )

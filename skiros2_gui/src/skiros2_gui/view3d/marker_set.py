@@ -80,6 +80,8 @@ def _in_root(
 
     :param poses: the known poses of frames in their roots.
     """
+    if marker.frame not in by_frame:  # most are in a root
+        return marker.text_position
     frame = _frame_pose(marker.frame, by_frame, poses)
     if frame is None:
         return None

@@ -34,9 +34,10 @@ log = logging.getLogger(__name__)
 #: Relative to the node's namespace.
 TOPIC = "skiros/markers"
 
-#: The highest rate (Hz), and the largest share of a core.
+#: The highest rate (Hz), and the largest shares of a core: of the markers, and of placing their labels, which concerns
+#: all of them. Until then, the label of an element that has moved keeps its height above it.
 RATE = 25.0
-_SHARE = 0.1
+_SHARE, _LABEL_SHARE = 0.1, 0.02
 
 #: The period of checks for robot descriptions, and the longest delay of labels (s).
 _ROBOT_PERIOD = 2.0
@@ -71,7 +72,7 @@ class Markers:
         self._publisher = rospy.Publisher(TOPIC, MarkerArray, subscriber_listener=_NewSubscriber(self), queue_size=100)
         world.add_listener(self._changed.add)
         self._robots = RobotMarkers()
-        self._placing = Throttle(_SHARE)  # the labels
+        self._placing = Throttle(_LABEL_SHARE)
         self._thread = threading.Thread(target=self._run, name="markers", daemon=True)
         self._thread.start()
 

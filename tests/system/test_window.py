@@ -91,6 +91,21 @@ def test_skill_is_started_and_stopped_by_clicks(window: Driver, demo: Ros) -> No
     window.wait_for_row("taskList", "wait", "preempted")
 
 
+def test_button_of_approvals_is_there_while_the_master_knows_a_gateway(window: Driver, demo: Ros) -> None:
+    button = window.window.approvals
+    assert not button.isVisible()
+    demo.master.set_parameter("/gateway/address", "http://127.0.0.1:9")
+    window.wait_until(button.isVisible, "the button")
+    window.click("approvalsButton")
+    assert window.widget("gateway").text() == "http://127.0.0.1:9"
+    window.write("secret", "a token")
+    window.click("logIn")
+    window.wait_until(lambda: "cannot be reached" in window.widget("approvalNote").text(), "the reason")
+    button.dialog.close()
+    demo.master.delete_parameter("/gateway/address")
+    window.wait_until(lambda: not button.isVisible(), "no button")
+
+
 def test_refused_start_is_explained_before_and_after(window: Driver) -> None:
     window.open_tab("Skills")
     window.choose("skillTree", "pick")

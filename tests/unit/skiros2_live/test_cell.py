@@ -88,6 +88,16 @@ def test_task_of_a_robot_that_was_silent_counts_as_what_it_ends_as(cell: CellDoc
     assert (counters["succeeded"], counters["failed"], counters["quality"]) == (1, 0, 1.0)
 
 
+def test_task_that_only_a_viewer_has_marked_as_lost_is_not_counted_when_it_continues(cell: CellDocument) -> None:
+    record(cell, 1.0, root(1))
+    [run] = cell.runs
+    run.is_lost = True  # the robot is connected, and has not reported the task for some time
+    record(cell, 9.0, _aged(root(1), 8.0))
+    record(cell, 10.0, _aged(root(1, SUCCESS, 1), 9.0))
+    counters = cell.robots_data()[0]["counters"]
+    assert (run.state, counters["succeeded"], counters["failed"]) == (TaskState.SUCCEEDED, 1, 0)
+
+
 def test_task_of_a_restarted_robot_does_not_continue_a_lost_one_with_its_number(cell: CellDocument) -> None:
     record(cell, 1.0, root(1))
     cell.apply(ManagerConnection(ROBOT, False))

@@ -178,7 +178,7 @@ class CellDocument:
         if recorded is None:
             return
         robot = self._robot(patch.manager)
-        has_returned = was_lost and recorded.run is known
+        has_returned = was_lost and recorded.run is known and patch.nodes[0].id not in robot.tasks
         robot.failed -= has_returned  # the robot was only silent
         has_counted = robot.follow(patch.nodes, is_new=has_returned or recorded.run is not known) or has_returned
         self._publish(recorded)

@@ -120,6 +120,17 @@ def test_constraints_are_respected() -> None:
     assert sum(later) >= len(later) / 2
 
 
+def test_an_optimum_at_the_limit_of_a_constraint_with_large_values_is_found() -> None:
+    def cost(trial: Trial) -> float:
+        x, y = trial.suggest_float("x", 0.0, 10.0), trial.suggest_float("y", 0.0, 10.0)
+        trial.set_constraint("volume", 1.0 - (x * y) ** 3)
+        return x + y
+
+    study = optuna.create_study(sampler=PriorSampler(seed=1))
+    study.optimize(cost, n_trials=25)
+    assert study.best_value == pytest.approx(2.0, abs=0.05)
+
+
 def test_the_first_trials_are_drawn_from_the_prior_a_third_of_them_at_random() -> None:
     study = optuna.create_study(sampler=PriorSampler({"x": Normal(3.0, 0.1)}, n_startup_trials=30, seed=1))
     study.optimize(lambda trial: trial.suggest_float("x", -5.0, 10.0), n_trials=30)

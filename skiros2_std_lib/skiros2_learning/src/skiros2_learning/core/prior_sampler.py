@@ -19,8 +19,9 @@ It combines:
 - Several objectives are scalarised with random weights in each trial by the augmented Chebyshev function (Knowles,
   "ParEGO", 2006; Paria et al., "A Flexible Framework for Multi-Objective Bayesian Optimization using Random
   Scalarizations", 2019).
-- With constraints (`trial.set_constraint`) the acquisition is multiplied by the probability of
-  feasibility (Gardner et al., "Bayesian Optimization with Inequality Constraints", 2014).
+- With constraints (`trial.set_constraint`) the acquisition is multiplied by the probability of feasibility (Gardner et
+  al., "Bayesian Optimization with Inequality Constraints", 2014). Their values are compressed far from the limit
+  (Eriksson and Poloczek, "Scalable Constrained Bayesian Optimization", 2021): the model is exact where it matters.
 - Running trials count with the worst value, so that parallel trials differ.
 
 The random numbers of a trial depend on the seed and the number of the trial: a study that is resumed continues as it
@@ -64,7 +65,7 @@ _UNIFORM_SHARE = 3
 #: Logarithm of the odds of a prior that helps, before there are values.
 _TRUST = math.log(3.0)
 #: Deviations of the model by which a constraint is to hold.
-_MARGIN = 2.0
+_MARGIN = 1.0
 #: Weight of the sum in the augmented Chebyshev function.
 _AUGMENTATION = 0.05
 
@@ -226,7 +227,10 @@ class PriorSampler(BaseSampler):
                 strength *= expit(_TRUST + model.log_support(space.log_prior(model.features)))
         limits = [
             fit_surrogate(
-                observed, np.array([each.constraints[name] for each in complete]), random, nominal=space.nominal
+                observed,
+                _compressed(np.array([each.constraints[name] for each in complete])),
+                random,
+                nominal=space.nominal,
             )
             for name in sorted(set.intersection(*(set(each.constraints) for each in complete)))
         ]
@@ -329,6 +333,13 @@ def _log_improvement(z: Array) -> Array:
     high = np.maximum(z, -1.0)
     found: Array = np.where(z < -1.0, small, np.log(high * norm.cdf(high) + norm.pdf(high)))
     return found
+
+
+def _compressed(values: Array) -> Array:
+    """Returns the values of a constraint with their signs, those far from 0 closer to it."""
+    scale = float(np.median(np.abs(values))) or 1.0
+    compressed: Array = np.sign(values) * np.log1p(np.abs(values) / scale)
+    return compressed
 
 
 def _feasible(trials: Sequence[FrozenTrial]) -> npt.NDArray[np.bool_]:

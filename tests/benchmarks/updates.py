@@ -62,16 +62,18 @@ def measure(ros: Ros, folder: Path) -> Iterator[Measurement]:
                 runs=RUNS,
                 target=target,
             )
-    yield paired(
-        f"time for an update, {CLIENTS} programs at once",
-        lambda: _time_for_one(ros, folder, CLIENTS),
-        "one program alone",
-        lambda: _time_for_one(ros, folder, 1),
-        unit="ms",
-        runs=3,
-        warm_up=0,
-        target=1.0,
-    )
+    for is_synced, target in ((False, 1.0), (True, 0.7)):
+        ros.master.set_parameter("/wm/journal_sync", is_synced)  # the node follows while the programs start
+        yield paired(
+            f"time for an update, {CLIENTS} programs at once{', journal synced' if is_synced else ''}",
+            lambda: _time_for_one(ros, folder, CLIENTS),
+            "one program alone",
+            lambda: _time_for_one(ros, folder, 1),
+            unit="ms",
+            runs=3,
+            warm_up=0,
+            target=target,
+        )
 
 
 def _element(number: int) -> Element:

@@ -130,7 +130,8 @@ class ImpedanceArm(ForceAdapter):
         stopped = fault or self._why_stopped(message)
         stamp = message.header.stamp.to_sec()
         if not stopped and any(self._wrench) and not 0.0 <= stamp - self._wrench_at <= _REFRESH:
-            self._send_wrench(stamp)
+            self._wrench_at = stamp
+            self._publish_wrench("set_cartesian_wrench", self._wrench)
         kind = _kind_of(message, fault) if stopped else FailureKind.RETRYABLE
         return arm_state(message, self._mount, stamp, stopped)._replace(kind=kind)
 
@@ -182,9 +183,8 @@ class ImpedanceArm(ForceAdapter):
         )
 
     def set_wrench(self, force: Vector, torque: Vector = (0.0, 0.0, 0.0)) -> None:
-        self._wrench = checked("wrench", (*force, *torque), MAX_WRENCH)
-        last = self._last
-        self._send_wrench(last.header.stamp.to_sec() if last is not None else -math.inf)
+        self._wrench, self._wrench_at = checked("wrench", (*force, *torque), MAX_WRENCH), -math.inf
+        self._publish_wrench("set_cartesian_wrench", self._wrench)
 
     def set_force_control(self, goal: ForceGoal | None) -> None:
         if goal is not None:
@@ -290,10 +290,6 @@ class ImpedanceArm(ForceAdapter):
             raise Refused(f"no state on {self._space}/state yet: its frame is not known")
         header = Header(frame_id=message.header.frame_id)
         self._topics["reference_pose"].publish(PoseStamped(header, pose_message(pose)))
-
-    def _send_wrench(self, stamp: float) -> None:
-        self._wrench_at = stamp
-        self._publish_wrench("set_cartesian_wrench", self._wrench)
 
     def _publish_wrench(self, topic: str, values: Sequence[float]) -> None:
         message = WrenchStamped(wrench=Wrench(Vector3(*values[:3]), Vector3(*values[3:])))

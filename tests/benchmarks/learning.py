@@ -58,8 +58,8 @@ def main(arguments: Sequence[str]) -> int:
         "optimisers": lambda short: optimisers(
             options.json.with_suffix(".jsonl"), options.seeds or (2 if short else 10), shown, options.only
         ),
-        "push": lambda short: scenario_rows("push.yaml", 12 if short else 60, 1 if short else 3),
-        "insertion": lambda short: scenario_rows("insertion.yaml", 8 if short else 30, 1 if short else 3),
+        "push": lambda short: scenario_rows("push.yaml", 12 if short else 60, 1 if short else 5),
+        "insertion": lambda short: scenario_rows("insertion.yaml", 8 if short else 30, 1 if short else 5),
         "variations": variations,
         "speed": speed,
     }

@@ -127,6 +127,23 @@ def test_of_a_damaged_journal_the_readable_part_is_kept(
     assert again.results() == whole
 
 
+def test_lock_of_a_journal_in_a_relative_folder_refers_to_the_journal(
+    scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So a lock that a kill has left can be seen to be old; one that refers to nothing was waited for without end."""
+    monkeypatch.chdir(tmp_path)
+    made: list[bool] = []
+    link = os.symlink
+
+    def linked(target: str, name: str) -> None:
+        link(target, name)
+        made.append(Path(name).exists())
+
+    monkeypatch.setattr(os, "symlink", linked)
+    LearningStudy.create(scenario, Path("study")).ask()
+    assert made and all(made)
+
+
 def test_a_folder_that_cannot_be_written_is_one_line(
     file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

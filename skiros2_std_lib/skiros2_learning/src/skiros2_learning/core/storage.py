@@ -53,7 +53,7 @@ def open_storage(folder: Path, url: str, on_stale: Callable[[Study, FrozenTrial]
     """
     with storing(folder, url):
         if not url:
-            journal = folder / JOURNAL_FILE
+            journal = (folder / JOURNAL_FILE).absolute()  # its lock is a link to it, in its folder
             _keep_readable(journal)
             return JournalStorage(JournalFileBackend(str(journal)))
         try:

@@ -16,7 +16,7 @@ from skiros2_common.core.errors import ConfigurationError
 def publish_same_frames(pairs: Sequence[str]) -> Any:
     """Publishes that pairs of frames, each as `frame other`, are the same.
 
-    :returns: the latched publisher, which must be kept; None without pairs.
+    :returns: the publisher, which must be kept; None without pairs.
     :raises ConfigurationError: a text does not have two names.
     """
     if not pairs:
@@ -36,4 +36,20 @@ def publish_same_frames(pairs: Sequence[str]) -> Any:
         message.transforms.append(transform)
     publisher = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
     publisher.publish(message)
+    publisher.impl.add_subscriber_listener(_Kept(publisher.impl, message))
     return publisher
+
+
+class _Kept(rospy.SubscribeListener):
+    """Keeps the frames in the message that a subscriber gets when it connects: it is the last one of the process, and
+    a reasoner may publish static frames, too."""
+
+    def __init__(self, topic: Any, message: Any) -> None:
+        super().__init__()
+        self._topic, self._message = topic, message
+
+    def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
+        ours = self._message.transforms
+        with self._topic.publock:
+            others = [each for each in self._topic.latch.transforms if each not in ours]
+            self._topic.latch = type(self._message)([*ours, *others])

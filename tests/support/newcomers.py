@@ -8,11 +8,12 @@ from types import TracebackType
 
 from skiros2_common.core.processes import free_port
 from support.ros import ROOT, Ros, RosMaster, run_command
-from support.setups import PIP, environment_of
+from support.setups import PIP, PIP_LEARNING, environment_of
 from support.tutorial import Reader, needs
 
 #: The tutorials with ROS, in the order of their numbers.
-PAGES = [page for page in sorted((ROOT / "docs/tutorials").glob("[0-9]*.md")) if needs(page).setup != PIP]
+_ALL = sorted((ROOT / "docs/tutorials").glob("[0-9]*.md"))
+PAGES = [page for page in _ALL if needs(page).setup not in (PIP, PIP_LEARNING)]
 
 
 class Newcomer:

@@ -1,9 +1,8 @@
-"""The sources work with what `pip install .` brings, and nothing of ROS: tutorial 17, typed in such processes."""
+"""The sources work with what pip brings, and nothing of ROS: tutorials 17 and 19, typed in such processes."""
 
 from __future__ import annotations
 
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -16,30 +15,10 @@ from support.setups import PIP, PIP_LEARNING, link_packages
 from support.source import PACKAGES
 from support.tutorial import Reader, needs
 
-PAGE = ROOT / "docs/tutorials/17_without_ros.md"
+PAGE, LEARNING = (ROOT / f"docs/tutorials/{name}.md" for name in ("17_without_ros", "19_learning_without_ros"))
 #: As pip writes it; the sources stand in for the installed packages.
 PROGRAM = "import sys\nfrom skiros2_local.command import run\nif __name__ == '__main__':\n    sys.exit(run())\n"
 pytestmark = pytest.mark.timeout(180)
-
-
-#: A study of the package that `skiros2 new` makes.
-SCENARIO = """
-scenario: exposure
-scene: owl/scene.ttl
-libraries: [my_skills]
-task:
-  - skill: Drive
-    parameters: {TargetLocation: Shelf A}
-  - skill: TakePicture
-    parameters: {Object: Bolt 1}
-variables:
-  TakePicture.Exposure: {type: real, range: [1.0, 3.0], unit: s}
-objectives:
-  time: {sense: minimise, rewards: [{reward: time}]}
-budget: {evaluations: 4, initial: 3}
-repetitions: 1
-seed: 1
-"""
 
 
 @pytest.fixture(scope="module")
@@ -93,32 +72,20 @@ def test_learning_names_the_extra_that_it_needs(env: dict[str, str], tmp_path: P
 
 
 @pytest.mark.long
-def test_parameter_is_learned_and_applied_to_the_cell(tmp_path: Path) -> None:
+def test_tutorial_of_learning_shows_what_happens(tmp_path: Path) -> None:
+    assert needs(LEARNING).setup == PIP_LEARNING
     for module in ("pybullet", "optuna", "sklearn", "matplotlib"):
         pytest.importorskip(module, reason="needs requirements/sim.txt and learning.txt")
     env = {**environment(PIP_LEARNING, tmp_path / "plain"), "HOME": str(tmp_path)}
+    with Reader(tmp_path, env) as reader:
+        for page in (*needs(LEARNING).all_pages(), LEARNING):
+            reader.follow(page)
     package = tmp_path / "my_skills"
 
-    def run(*words: str, status: int = 0) -> str:
-        folder = package if package.exists() else tmp_path
-        done = subprocess.run(["skiros2", *words], env=env, cwd=folder, capture_output=True, text=True)
-        assert done.returncode == status, done.stdout + done.stderr
-        return done.stdout + done.stderr
+    def learn(*words: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(["skiros2", "learn", *words], env=env, cwd=package, capture_output=True, text=True)
 
-    run("new", "my_skills", "--no-ros")
-    (package / "exposure.yaml").write_text(SCENARIO)
-    learned = run("learn", "run", "exposure.yaml", "--study", "study", "--workers", "1", "--no-validation")
-    best = re.search(r"^ +(\d+)  success 100%, time \S+; TakePicture.Exposure=(\S+)$", learned, re.M)
-    assert best, learned
-    applied = re.match(
-        r"(skiros:ParameterSet-\d+): NOT validated: success 100%, ",
-        run("learn", "apply", "study", best[1], "--unvalidated"),
-    )
-    assert applied
-    shown = run("run", "drive", "TargetLocation=Shelf A", "take_picture", "Object=Bolt 1")
-    begin, end = (float(time) for time in re.findall(r"^ +(\S+) s  [▶✓] take_picture", shown, re.M))
-    assert abs(end - begin - float(best[2])) < 0.25  # s; by default 0.5
-    assert run("learn", "remove", applied[1]) == f"{applied[1]} is removed\n"
-    (package / "exposure.yaml").write_text(SCENARIO.replace("Drive", "Push"))
-    refused = run("learn", "check", "exposure.yaml", status=1)
-    assert refused.endswith("; ROS is not installed: skills that use its actions or services are not there\n")
+    (package / "push.yaml").write_text((package / "weigh.yaml").read_text().replace("Drive", "Push"))
+    refused = learn("check", "push.yaml")
+    assert refused.returncode == 1
+    assert refused.stderr.endswith("; ROS is not installed: skills that use its actions or services are not there\n")

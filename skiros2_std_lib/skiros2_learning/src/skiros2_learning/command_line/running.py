@@ -147,8 +147,9 @@ def cost_text(scenario: Scenario, workers: int) -> str:
         spent = time.perf_counter() - begin
     if isinstance(outcome, str):
         return f"{text}; how long one takes is not known, as it breaks: {outcome}"
-    minutes = (search + validation) * spent / workers / 60.0
-    return f"{text}, {spent:.2g} s each: about {minutes:.2g} min with {workers} processes"
+    total = (search + validation) * spent / workers
+    time_text = f"{total:.0f} s" if total < 60.0 else f"{total / 60.0:.2g} min"
+    return f"{text}, {spent:.2g} s each: about {time_text} with {workers} processes"
 
 
 def _executor(

@@ -45,6 +45,8 @@ except ModuleNotFoundError:  # without ROS, no skill that is there has a client 
 _GRACE = 2.0
 #: Time that a thread of a skill has to end (s of wall time).
 _THREAD_TIMEOUT = 10.0
+#: Why there may be no skill of a type.
+_NO_ROS = "ROS is not installed: skills that use its actions or services are not there"
 #: Smallest motion that is written to the world model (m).
 _STILL = 1e-5
 
@@ -229,8 +231,6 @@ def check_scenario(scenario: Scenario) -> None:
             raise
         except SkirosError as error:
             raise ConfigurationError(f"scenario {scenario.name}: {error}") from None
-    if mistakes and LocalDrivers is NoDrivers:
-        mistakes.append(((), "ROS is not installed: skills that use its actions or services are not there"))
     if mistakes:
         raise ScenarioError(f"scenario {scenario.name}", mistakes, scenario.original)
 
@@ -292,7 +292,8 @@ def step_mistakes(scenario: Scenario, bench: SkillBench) -> list[Mistake]:
         try:
             declared = declared_parameters(bench, step)
         except SkirosError as error:
-            found.append((("task", index, "skill"), str(error)))
+            why = f"; {_NO_ROS}" if LocalDrivers is NoDrivers else ""
+            found.append((("task", index, "skill"), f"{error}{why}"))
             continue
         variables = {v.name.rpartition(".")[2]: v for v in scenario.variables if v.name.rpartition(".")[0] == step.name}
         places: dict[str, tuple[str | int, ...]] = {key: ("variables", each.name) for key, each in variables.items()}

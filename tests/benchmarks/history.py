@@ -113,6 +113,9 @@ def draw(history: Sequence[Kept], target: Path) -> None:
     labels = []
     for name in dict.fromkeys(name for kept in history for name in kept.figures):
         points = [(i, kept.figures[name].ratio) for i, kept in enumerate(history) if name in kept.figures]
+        points = [(i, ratio) for i, ratio in points if ratio > 0.0]  # no failures: nothing to divide by
+        if not points:
+            continue
         first = points[0][1]
         places, values = [i for i, _ in points], [ratio / first for _, ratio in points]
         has_changed = not 1 / CHANGED <= values[-1] <= CHANGED

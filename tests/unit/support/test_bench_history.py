@@ -28,6 +28,12 @@ def test_page_has_the_last_ratio_beside_the_one_before(tmp_path: Path) -> None:
     assert len(Image.open(tmp_path / "bench.png").getcolors(1 << 20) or ()) > 5
 
 
+def test_figure_that_was_zero_has_a_row_but_no_line(tmp_path: Path) -> None:
+    keep(tmp_path / "h", tmp_path, "aaaa", 0.1, [figure("a failure", 0.0), figure("a tick", 0.4)])
+    assert [(row[0], row[3]) for row in rows(tmp_path)] == [("a failure", "0.00"), ("a tick", "0.40")]
+    assert (tmp_path / "bench.png").is_file()
+
+
 def test_parts_that_are_measured_later_are_added_to_their_commit(tmp_path: Path) -> None:
     keep(tmp_path / "h", tmp_path, "aaaa", 0.1, [figure("a tick", 0.4), figure("a plan", 1.0)])
     keep(tmp_path / "h", tmp_path, "bbbb", 0.1, [figure("a tick", 0.3)])

@@ -88,6 +88,28 @@ def test_task_of_a_robot_that_was_silent_counts_as_what_it_ends_as(cell: CellDoc
     assert (counters["succeeded"], counters["failed"], counters["quality"]) == (1, 0, 1.0)
 
 
+@pytest.mark.parametrize("continues", [True, False])
+def test_progress_that_comes_before_the_connection_counts_the_task_once(cell: CellDocument, continues: bool) -> None:
+    record(cell, 1.0, root(1))
+    cell.apply(ManagerConnection(ROBOT, False))
+    record(cell, 9.0, _aged(root(1), 8.0))
+    cell.apply(ManagerConnection(ROBOT, True))
+    if continues:
+        record(cell, 10.0, _aged(root(1), 9.0))
+    [robot], [run] = cell.robots_data(), cell.runs
+    expected = (TaskState.RUNNING, "busy", 0) if continues else (TaskState.LOST, "idle", 1)
+    assert (run.state, robot["state"], robot["counters"]["failed"]) == expected
+
+
+def test_task_whose_last_report_is_that_before_the_silence_continues(cell: CellDocument) -> None:
+    record(cell, 4.0, _aged(root(1), 3.25))
+    cell.apply(ManagerConnection(ROBOT, False))
+    cell.apply(ManagerConnection(ROBOT, True))
+    record(cell, 9.0, _aged(root(1), 3.25))
+    [run] = cell.runs
+    assert (run.state, cell.robots_data()[0]["counters"]["failed"]) == (TaskState.RUNNING, 0)
+
+
 def test_task_that_only_a_viewer_has_marked_as_lost_is_not_counted_when_it_continues(cell: CellDocument) -> None:
     record(cell, 1.0, root(1))
     [run] = cell.runs

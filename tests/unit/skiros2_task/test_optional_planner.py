@@ -43,6 +43,22 @@ def test_planning_without_the_planner_fails_with_one_clear_message(without_plann
     assert answer.reason.startswith("the planner Fast Downward is not installed (requirements/planner.txt)")
 
 
+def test_engines_that_happen_to_be_installed_are_imported_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log, package = tmp_path / "log", tmp_path / "up_tamer"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "engine.py").write_text(f"open({str(log)!r}, 'a').write('imported\\n')\nraise ImportError\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    processes = EngineProcesses()
+    try:
+        planner = planner_named(processes, "first")
+        answers = [planner.solve(transport_task(1, 2, 1), Limits(seconds=60.0)) for _ in range(3)]
+    finally:
+        processes.close()
+    assert [answer.outcome for answer in answers] == [Outcome.SOLVED] * 3
+    assert log.read_text() == "imported\n"
+
+
 def test_all_modules_of_the_platform_import_without_the_planner(without_planner: Path) -> None:
     packages = ("skiros2_common", "skiros2_world_model", "skiros2_skill", "skiros2_task", "skiros2_std_skills")
     folders = [str(without_planner), *(path for path in sys.path if path)]

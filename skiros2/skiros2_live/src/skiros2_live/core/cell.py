@@ -233,8 +233,7 @@ class CellDocument:
     def _connect(self, patch: ManagerConnection) -> None:
         robot = self._robot(patch.manager)
         robot.connect(patch.is_connected)
-        if not patch.is_connected:
-            self.mark_lost(patch.manager)
+        self.mark_lost(patch.manager)  # also when it connects: its progress may have come first, and continues then
         self._update(robot)
 
     def _update(self, robot: Robot, has_counted: bool = False) -> None:

@@ -137,11 +137,13 @@ class TaskRun:
         return TaskState.LOST if self.is_lost and not self.latest.has_ended else self.latest.task_state
 
     def continues(self, nodes: Sequence[NodeMessage], time: float) -> bool:
-        """Returns whether a message with this task's id is of a task that began before the last message of this one.
+        """Returns whether a message with this task's id is of a task that began before the last message of this one, or
+        that has run no longer since it: the task is paused, or has not been ticked yet.
 
         :param time: when it was received (s since the epoch).
         """
-        return time - _age(nodes) <= self.latest.time
+        age = _age(nodes)
+        return time - age <= self.latest.time or 0.0 < age == _age(self._nodes)
 
     def record(self, nodes: Sequence[NodeMessage], time: float) -> Recorded:
         """Records a message.

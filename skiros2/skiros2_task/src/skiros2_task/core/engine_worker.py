@@ -114,6 +114,8 @@ def _load() -> None:
     for name in ("unified_planning.engines", "unified_planning.io", "skiros2_task.core.up_model"):
         importlib.import_module(name)
     del sys.modules["ConfigSpace"]  # a planner may use it
+    # Imports all engines that are installed, wanted or not: Tamer takes most of a second. Children have them then.
+    importlib.import_module("unified_planning.environment").get_environment()
     with contextlib.suppress(ImportError):  # reported by the job that needs it
         importlib.import_module(_TRANSLATOR)
 

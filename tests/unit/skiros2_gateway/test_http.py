@@ -110,8 +110,8 @@ def test_key_that_the_document_does_not_allow_is_refused(in_gateway: Run, key: s
 @pytest.mark.parametrize(
     ("method", "path", "allowed"),
     [
-        ("DELETE", "/api/jobs", "GET, POST"),
-        ("POST", "/api/jobs/a", "GET, PUT"),
+        ("DELETE", "/api/jobs", "GET, HEAD, POST"),
+        ("POST", "/api/jobs/a", "GET, HEAD, PUT"),
         ("PUT", "/api/session", "DELETE, POST"),
         ("GET", "/api/jobs/a/stop", "POST"),
     ],
@@ -125,6 +125,22 @@ def test_other_method_is_answered_with_those_that_are_possible(
             headers = dict(line.lower().split(": ", 1) for line in answer.splitlines() if ": " in line)
             assert (status, headers["allow"]) == (405, allowed.lower())
             assert headers["content-type"] == "application/problem+json"
+
+    in_gateway(test)
+
+
+@pytest.mark.parametrize("path", ["/api/jobs", "/api/events", "/api/jobs/unknown", "/openapi.json", "/api/session"])
+def test_head_is_answered_as_get_without_a_body(in_gateway: Run, path: str) -> None:
+    async def test(gateway: Any) -> None:
+        async with served(gateway.service) as address:
+            token = TOKENS["view"]
+            # the GET of a stream does not end
+            _, get = await curl(address, path, "-D", "-", "-o", "/dev/null", "-m", "1", token=token)
+            status, head = await curl(address, path, "--head", token=token)
+            assert status in (200, 404, 405)
+            assert [line for line in head.splitlines() if line[:5] != "date:"] == [
+                line for line in get.splitlines() if line[:5] != "date:"
+            ]
 
     in_gateway(test)
 

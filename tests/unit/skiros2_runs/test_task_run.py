@@ -9,7 +9,7 @@ import pytest
 
 from skiros2_runs.core.frame import Frame
 from skiros2_runs.core.message_log import MAX_LINES
-from skiros2_runs.core.runs import Runs
+from skiros2_runs.core.runs import RETURN_TIME, Runs
 from skiros2_runs.core.task_run import MAX_PARAMS, TaskRun
 from support.progress import FAILURE, IDLE, RUNNING, SUCCESS, ProgressNode, fresh, pick_and_place, random_tree
 
@@ -150,6 +150,24 @@ def test_oldest_ended_tasks_are_evicted() -> None:
     for number in range(6):
         runs.record("/robot", pick_and_place(task_id=number, state=SUCCESS, code=1), float(number))
     assert [run.task_id for run in runs] == [2, 3, 4, 5]
+
+
+@pytest.mark.parametrize("may_return", [True, False])
+def test_lost_tasks_are_evicted_as_ended_ones_but_not_while_they_may_return(may_return: bool) -> None:
+    runs = Runs(most_tasks=2)
+    for number in range(6):
+        runs.record("/robot", pick_and_place(task_id=number), float(number))
+        runs.mark_lost("/robot", may_return=may_return)
+    assert len(runs) == 6
+    late = RETURN_TIME + 4.5
+    for number in range(6, 9):
+        runs.record("/other", pick_and_place(task_id=number), late)
+    assert [run.task_id for run in runs] == [3, 4, 5, 6, 7, 8]
+    assert [run.is_lost for run in runs] == [True] * 3 + [False] * 3
+    returned = pick_and_place(task_id=5)
+    returned[0].progress_time = late
+    recorded = runs.record("/robot", returned, late)
+    assert recorded is not None and recorded.run.start == 5.0 and not recorded.run.is_lost
 
 
 def test_message_log_is_limited_to_one_line_per_second() -> None:

@@ -14,12 +14,15 @@ MAX_KEPT = 64_000_000
 #: The most ended tasks kept.
 MAX_TASKS = 100
 
+#: A lost task may return for this long after its last message (s). Then it is kept as one that has ended.
+RETURN_TIME = 3600.0
+
 
 class Runs:
     """One thread at a time.
 
     :param most_bytes: the most memory for ticks.
-    :param most_tasks: the most ended tasks.
+    :param most_tasks: the most ended tasks, and lost ones that may no longer return.
     """
 
     def __init__(self, most_bytes: int = MAX_KEPT, most_tasks: int = MAX_TASKS) -> None:
@@ -84,7 +87,12 @@ class Runs:
         self._lost.clear()
 
     def _make_room(self, used: TaskRun) -> None:
-        ended = [run for run in self._runs if run.latest.has_ended and run is not used]
+        lost_before = used.latest.time - RETURN_TIME
+        ended = [
+            run
+            for run in self._runs
+            if run is not used and (run.latest.has_ended or (run.is_lost and run.latest.time < lost_before))
+        ]
         if len(ended) > self._most_tasks:
             self._evict(ended.pop(0))
         size = sum(run.size for run in self._runs)
@@ -100,5 +108,6 @@ class Runs:
 
     def _evict(self, run: TaskRun) -> None:
         self._runs.remove(run)
-        if self._current.get((run.robot, run.task_id)) is run:
-            del self._current[run.robot, run.task_id]
+        for runs in (self._current, self._lost):
+            if runs.get((run.robot, run.task_id)) is run:
+                del runs[run.robot, run.task_id]

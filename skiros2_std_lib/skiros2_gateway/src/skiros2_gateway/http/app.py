@@ -12,6 +12,8 @@ once.
 A command with the header `Idempotency-Key` (a text of the client's choice) is carried out once: sent again with its
 key, it is answered as the first time. A command that was refused may be sent again.
 
+`HEAD` is answered as `GET`, without a body.
+
 Errors are problem details (RFC 9457, `application/problem+json`): `title`, `status`, `code`, `detail`, and for requests
 with wrong fields `problems`, a list of {code, where, message, expected, nearest}. A request with an error has changed
 nothing. Status: 400 the query or body cannot be read, 401 no credentials, 403 role, 404 unknown, 405 another method
@@ -57,6 +59,7 @@ from skiros2_gateway.http.body_limit import MAX_BODY, BodyLimit
 from skiros2_gateway.http.callers import COOKIE, CallerArg, ServiceArg, address_of
 from skiros2_gateway.http.deadlines import Deadlines
 from skiros2_gateway.http.errors import EVENTS, add_error_handlers, answers, describe, on_skiros_error
+from skiros2_gateway.http.heads import Heads
 from skiros2_gateway.http.once import Once
 
 log = logging.getLogger(__name__)
@@ -85,6 +88,7 @@ def create_app(service: Service, routers: Sequence[APIRouter] = (), max_body: in
     app.add_middleware(Deadlines, on_error=on_skiros_error)
     app.add_middleware(BodyLimit, max_body=max_body)
     app.add_middleware(AsciiAnswers)
+    app.add_middleware(Heads)
     return app
 
 

@@ -138,7 +138,7 @@ async def on_http_error(request: Request, error: Exception) -> Response:
     response = problem(error.status_code, code, str(error.detail))
     response.headers.update(error.headers or {})
     if error.status_code == 405 and (methods := _methods(request)):
-        response.headers["Allow"] = ", ".join(sorted(methods))
+        response.headers["Allow"] = ", ".join(sorted(methods | {"HEAD"} if "GET" in methods else methods))
     return response
 
 

@@ -90,6 +90,22 @@ def test_task_of_a_robot_that_was_silent_counts_as_what_it_ends_as(cell: JobCell
     assert _counters(cell) == before + Counter(succeeded=1)
 
 
+def test_task_that_ends_before_its_silent_robot_is_there_again_counts_as_what_it_ended_as(cell: JobCell) -> None:
+    before, released, robot = _counters(cell), cell.folder / "released", cell.ros.master.node_pid(ROBOT)
+    released.unlink(missing_ok=True)
+    assert cell.rest.post("/api/jobs", cell.order("unseen", 3))[0] == 201
+    wait_until(lambda: _robot(cell)["state"] == "busy", what="the task")
+    os.kill(robot, signal.SIGSTOP)
+    try:
+        wait_until(lambda: _robot(cell)["state"] == "disconnected", what="the silence")
+        assert _counters(cell) == before + Counter(failed=1)
+        released.write_text("")
+    finally:
+        os.kill(robot, signal.SIGCONT)
+    assert cell.wait_for(["unseen"])["unseen"]["response"]["outcome"] == "succeeded"
+    wait_until(lambda: _counters(cell) == before + Counter(succeeded=1), what="the end")
+
+
 def _robot(cell: JobCell) -> Any:
     return cell.rest.get("/api/state")["robots"][0]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -118,6 +119,37 @@ def test_task_that_only_a_viewer_has_marked_as_lost_is_not_counted_when_it_conti
     record(cell, 10.0, _aged(root(1, SUCCESS, 1), 9.0))
     counters = cell.robots_data()[0]["counters"]
     assert (run.state, counters["succeeded"], counters["failed"]) == (TaskState.SUCCEEDED, 1, 0)
+
+
+@pytest.mark.parametrize("has_returned", [False, True])
+def test_task_that_has_ended_unseen_counts_as_what_the_robot_says(cell: CellDocument, has_returned: bool) -> None:
+    record(cell, 4.0, _aged(root(1), 3.0))
+    cell.apply(ManagerConnection(ROBOT, False))
+    cell.apply(ManagerConnection(ROBOT, True))
+    if has_returned:
+        record(cell, 9.0, _aged(root(1), 8.0))
+    for _ in range(2):
+        cell.apply(TaskProgress(ROBOT, [_aged(root(1, SUCCESS, 1), 9.0)], 60.0, is_past=True))
+    [run], [robot] = cell.runs, cell.robots_data()
+    assert (run.state, run.latest.time) == (TaskState.SUCCEEDED, 10.0)
+    assert (robot["counters"]["succeeded"], robot["counters"]["failed"], robot["state"]) == (1, 0, "idle")
+
+
+@pytest.mark.parametrize(
+    "ended",
+    [
+        _aged(root(1, SUCCESS, 1), 2.0),  # it has run for less time
+        _aged(root(1, SUCCESS, 1), 100.0),  # it has run since before
+        replace(_aged(root(1, SUCCESS, 1), 9.0), label="another"),
+        _aged(root(2, SUCCESS, 1), 9.0),
+    ],
+)
+def test_past_end_of_another_task_changes_nothing(cell: CellDocument, ended: ProgressNode) -> None:
+    record(cell, 4.0, _aged(root(1), 3.0))
+    cell.apply(ManagerConnection(ROBOT, False))
+    cell.apply(TaskProgress(ROBOT, [ended], 60.0, is_past=True))
+    [run] = cell.runs
+    assert (run.state, cell.robots_data()[0]["counters"]["failed"]) == (TaskState.LOST, 1)
 
 
 def test_task_of_a_restarted_robot_does_not_continue_a_lost_one_with_its_number(cell: CellDocument) -> None:

@@ -19,8 +19,9 @@ from skiros2_common.core.forward_clock import now
 from skiros2_live.core.patch import ManagerConnection, TaskProgress
 from skiros2_live.ros import managers
 from skiros2_live.ros.managers import ManagerConnections, ManagerPatch
+from skiros2_skill.client.port import ALL
 from skiros2_skill.ros import discovery_interface
-from support.progress import RUNNING, root
+from support.progress import RUNNING, SUCCESS, root
 
 ROBOT = "/robot"
 
@@ -53,11 +54,11 @@ class Manager:
         self.name = name
         self.asked = 0
 
-    def read_tasks(self) -> list[Any]:
+    def read_tasks(self, task_id: int = ALL) -> list[Any]:
         self.asked += 1
         if self.asked < 3:
             raise TimedOut("it does not answer")
-        return [[root(7)]]
+        return [[root(7)]] if task_id == ALL else [[root(6, SUCCESS, 1)]]
 
 
 @pytest.fixture
@@ -71,13 +72,13 @@ def topics(monkeypatch: pytest.MonkeyPatch) -> Iterator[Topics]:
     yield made
 
 
-def test_paused_task_is_reported_by_a_manager_that_answers_late(topics: Topics) -> None:
+def test_paused_and_ended_tasks_are_reported_by_a_manager_that_answers_late(topics: Topics) -> None:
     patches: list[ManagerPatch] = []
     is_reported = threading.Event()
 
     def report(patch: ManagerPatch) -> None:
         patches.append(patch)
-        if isinstance(patch, TaskProgress):
+        if isinstance(patch, TaskProgress) and patch.is_past:
             is_reported.set()
 
     connections = ManagerConnections("tests", report)
@@ -85,8 +86,8 @@ def test_paused_task_is_reported_by_a_manager_that_answers_late(topics: Topics) 
         topics.manager_appears()
         assert is_reported.wait(10.0)
         assert patches[0] == ManagerConnection(ROBOT, True)
-        [progress] = [patch for patch in patches if isinstance(patch, TaskProgress)]
-        assert (progress.manager, progress.task) == (ROBOT, 7)
+        progress = [patch for patch in patches if isinstance(patch, TaskProgress)]
+        assert [(p.manager, p.task, p.is_past) for p in progress] == [(ROBOT, 7, False), (ROBOT, 6, True)]
     finally:
         connections.close()
 
@@ -100,7 +101,7 @@ def test_ticks_stay_in_order_when_the_clock_is_set_by_a_day(
     monkeypatch.setattr(now, "_monotonic", lambda: elapsed)
     monkeypatch.setattr(now, "_last", 0.0)
     monkeypatch.setattr(now, "_at", 0.0)
-    monkeypatch.setattr(Manager, "read_tasks", lambda _: [])
+    monkeypatch.setattr(Manager, "read_tasks", lambda *_: [])
     connections = ManagerConnections("tests", patches.append)
     topics.manager_appears()
     for _ in range(6):

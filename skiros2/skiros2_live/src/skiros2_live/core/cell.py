@@ -10,7 +10,7 @@ from __future__ import annotations
 import weakref
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar, get_args
 
 from skiros2_common.core.errors import WrongValue
@@ -171,6 +171,11 @@ class CellDocument:
     def _record(self, patch: TaskProgress) -> None:
         """Skips a message that is older than the last of its task, unless the task has ended."""
         known = self.find(patch.manager, patch.task) if patch.nodes else None
+        if patch.is_past:
+            ended = known.end_of(patch.nodes, patch.stamp) if known is not None else None
+            if ended is None:
+                return
+            patch = replace(patch, stamp=ended)
         if known is not None and patch.stamp < known.latest.time and not has_ended(patch.nodes):
             return
         was_lost = known is not None and known.is_lost

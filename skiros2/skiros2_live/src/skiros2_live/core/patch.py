@@ -69,11 +69,13 @@ class TaskProgress:
     :param nodes: a `SkillProgress` (or an object with its fields) for each node, parents before children, the root
         first.
     :param stamp: when it was received (s since the epoch).
+    :param is_past: whether the task had ended before: its end counts for a task that is known and has not ended.
     """
 
     manager: str
     nodes: Sequence[Any]
     stamp: float
+    is_past: bool = False
 
     @property
     def task(self) -> int:

@@ -14,7 +14,7 @@ from skiros2_common.core.forward_clock import now
 from skiros2_live.core.patch import ManagerConnection, SafetyChanged, TaskProgress
 from skiros2_live.ros.tree_progress import QuickTreeProgress
 from skiros2_msgs.msg import SafetyStatus
-from skiros2_skill.client.manager import ManagerClient
+from skiros2_skill.client.manager import ENDED, ManagerClient
 from skiros2_skill.ros.discovery_interface import DiscoveryInterface
 from skiros2_skill.ros.skill_layer_interface import NAMESPACE
 
@@ -94,11 +94,13 @@ class ManagerConnections(DiscoveryInterface):
         self._report(SafetyChanged(name, status.state, status.reason, tuple(status.stops), status.since.to_sec()))
 
     def _catch_up(self, manager: ManagerClient) -> None:
-        """Reports the tasks that exist already, as soon as the manager answers: a paused task publishes nothing."""
+        """Reports the tasks that exist already, as soon as the manager answers: a paused task publishes nothing, and
+        others may have ended while the manager was silent.
+        """
         while self._up.get(manager.name) is manager:
             asked = now()
             try:
-                tasks = manager.read_tasks()
+                tasks, ended = manager.read_tasks(), manager.read_tasks(ENDED)
             except SkirosError as error:
                 log.info("%s: reading the tasks failed: %s", manager.name, error)
                 if self._discovery_ended.wait(_RETRY_DELAY):
@@ -106,4 +108,6 @@ class ManagerConnections(DiscoveryInterface):
                 continue
             for nodes in filter(None, tasks):
                 self._report(TaskProgress(manager.name, nodes, asked))
+            for nodes in filter(None, ended):
+                self._report(TaskProgress(manager.name, nodes, now(), is_past=True))
             return

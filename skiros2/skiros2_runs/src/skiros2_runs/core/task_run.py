@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from skiros2_runs.core.frame import ROW, Frame, Rows, Shape, key_of
 from skiros2_runs.core.message_log import MessageLog
-from skiros2_runs.core.progress import NodeMessage, task_state
+from skiros2_runs.core.progress import NodeMessage, has_ended, task_state
 from skiros2_runs.core.states import IDLE, RUNNING, TaskState
 from skiros2_runs.core.values import NodeStatus
 
@@ -144,6 +144,17 @@ class TaskRun:
         """
         age = _age(nodes)
         return time - age <= self.latest.time or 0.0 < age == _age(self._nodes)
+
+    def end_of(self, nodes: Sequence[NodeMessage], time: float) -> float | None:
+        """Returns when the task has ended (s since the epoch), by how long it has run; None if `nodes` is not its end.
+
+        :param nodes: the last message of a task with this task's id.
+        :param time: when it was received (s since the epoch).
+        """
+        ended = self.latest.time + _age(nodes) - _age(self._nodes)
+        is_of_skill = list(map(key_of, nodes[:2])) == list(map(key_of, self._nodes[:2]))
+        is_end = is_of_skill and not self.latest.has_ended and has_ended(nodes)
+        return ended if is_end and self.latest.time <= ended <= time + KEEP_ALIVE else None
 
     def record(self, nodes: Sequence[NodeMessage], time: float) -> Recorded:
         """Records a message.

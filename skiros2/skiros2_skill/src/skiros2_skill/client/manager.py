@@ -16,7 +16,7 @@ from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_runs.core.values import NodeStatus, TaskBounds
 from skiros2_skill.client.description import Skill, Step, Why, read_skill
-from skiros2_skill.client.port import ALL, NEW
+from skiros2_skill.client.port import ALL, ENDED, NEW
 from skiros2_skill.client.skill_goal import SkillGoal, SkillRunner
 from skiros2_skill.client.stop_line import NoStopService, StopLine
 from skiros2_skill.core.breakpoint import Breakpoint
@@ -26,7 +26,7 @@ from skiros2_world_model.ros.service_pool import ServicePool
 
 log = logging.getLogger(__name__)
 
-__all__ = ["ALL", "NEW", "ManagerClient"]
+__all__ = ["ALL", "ENDED", "NEW", "ManagerClient"]
 
 #: The services of a manager, private names of its node.
 _SERVICES = {
@@ -166,7 +166,7 @@ class ManagerClient:
     def read_tasks(self, task_id: int = ALL) -> list[Sequence[Any]]:
         """Returns the tasks that have not ended, by id: the `SkillProgress` of each node, parents before children.
 
-        :param task_id: of one task, or `ALL`.
+        :param task_id: of one task, `ALL`, or `ENDED`: instead of these, the last ones that have ended.
         """
         trees = self._call("tasks", srvs.SkillTasksRequest(task_id)).tasks
         return sorted((tree.progress for tree in trees), key=lambda nodes: nodes[0].id)

@@ -17,6 +17,8 @@ log = logging.getLogger(__name__)
 
 #: The task id in a command for all tasks, or for a new one.
 ALL = NEW = -1
+#: The task id in a request for the last tasks that have ended.
+ENDED = -2
 
 
 class Feedback(Protocol):

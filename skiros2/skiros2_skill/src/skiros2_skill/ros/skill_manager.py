@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
@@ -20,6 +20,7 @@ from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_common.ros.signals import RosSignals
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
+from skiros2_skill.client.port import ENDED
 from skiros2_skill.core.breakpoint import Breakpoint
 from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.core.library.reload import reloading
@@ -272,7 +273,7 @@ class SkillManager(DiscoverableNode):
     # -- diagnosis services ------------------------------------------------------------------------------------
 
     def _on_tasks(self, request: Any) -> Any:
-        tasks = [task for task in self._running().tasks() if request.task_id in (ALL, task.id)]
+        tasks = self._history.ended if request.task_id == ENDED else _of_id(self._running().tasks(), request.task_id)
         return srvs.SkillTasksResponse([msgs.TreeProgress(self._progress.nodes(task)) for task in tasks])
 
     def _on_why(self, request: Any) -> Any:
@@ -394,6 +395,10 @@ def _command_of(action: str, commands: Mapping[str, Callable[[Any], int]]) -> Ca
     if action not in commands:
         raise UnknownName(f"unknown action {short_name(action)!r}, expected one of: {', '.join(commands)}")
     return commands[action]
+
+
+def _of_id(tasks: Iterable[Task], task_id: int) -> list[Task]:
+    return [task for task in tasks if task_id in (ALL, task.id)]
 
 
 def _for_tasks(execution_id: int, one: Callable[[int], None], all_tasks: Callable[[], None]) -> int:

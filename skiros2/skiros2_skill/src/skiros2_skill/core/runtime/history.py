@@ -133,6 +133,12 @@ class History:
         with self._lock:
             return [*self._records]
 
+    @property
+    def ended(self) -> list[Task]:
+        """The last ended tasks, oldest first."""
+        with self._lock:
+            return [*self._ended.values()]
+
     def begin(self, task: Task) -> None:
         """Adds a task that is about to start."""
         with self._lock:

@@ -1,7 +1,7 @@
 """A journal of weeks beside one of a morning: an update, `history`, `diff` and a restart must not cost more.
 
 A million entries stand for the ten million of a busy month: the rows are written to the file as requests write them,
-without the world model, which would take minutes. A restart checks the whole file, so it grows with the journal.
+without the world model, which would take minutes.
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ from skiros2_common.core.errors import ConfigurationError, Refused
 from skiros2_common.core.operations import Change
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.journal import ALWAYS, NEVER, Journal
+from skiros2_world_model.core.journal_file import _PAGE_SIZE
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.core.world_model import WorldModel
@@ -287,6 +288,51 @@ def test_damaged_journal_is_moved_aside_and_logged(
     [aside] = lives.path.parent.glob("wm.journal.damaged-*[0-9]")
     assert aside.read_bytes() == damaged
     assert [r.message for r in caplog.records if str(aside) in r.message]
+    wm.add_element(box())
+    before = state(wm)
+    lives.kill()
+    assert state(lives.start(initial=[("scene", "cell.ttl")])) == before
+
+
+def test_world_model_killed_after_a_recovery_from_a_regular_shutdown_recovers(lives: Lives) -> None:
+    lives.start(origin="one").add_element(box())
+    lives.end()
+    wm = lives.start(origin="other", recover=ALWAYS)
+    wm.add_element(box())
+    before = state(wm)
+    lives.kill()
+    assert state(lives.start(origin="other")) == before
+
+
+def garbled_pages(path: Path) -> None:
+    """Garbles the pages that have a past label."""
+    content = path.read_bytes()
+    pages = [content[at : at + _PAGE_SIZE] for at in range(0, len(content), _PAGE_SIZE)]
+    path.write_bytes(b"".join(os.urandom(_PAGE_SIZE) if b"early label" in page else page for page in pages))
+
+
+def odd_past(path: Path) -> None:
+    with sqlite3.connect(path) as db:
+        db.execute("UPDATE past_element SET content='[]'")
+    db.close()
+
+
+@pytest.mark.parametrize("damage", [garbled_pages, odd_past])
+def test_damage_to_past_states_is_reported_when_they_are_read(lives: Lives, damage: Callable[[Path], None]) -> None:
+    wm = lives.start(initial=[("scene", "cell.ttl")])
+    tray = wm.get_element("skiros:LargeBox-80")
+    for number in range(100):
+        tray.label = f"early label {number}" if number < 50 else f"label {number}"
+        wm.update_element(tray)
+    before = state(wm)
+    lives.end()
+    assert lives.path.stat().st_size
+    damage(lives.path)
+
+    wm = lives.start(initial=[("scene", "cell.ttl")], recover=ALWAYS)
+    assert state(wm) == before
+    with pytest.raises(Refused, match=f"journal {lives.path} cannot be read: "):
+        wm.model.history.changes("skiros:LargeBox-80")
     wm.add_element(box())
     before = state(wm)
     lives.kill()

@@ -219,6 +219,7 @@ class History:
         :param limit: at most this number of entries, the latest ones; 0: all.
         :raises UnknownName: the element or context has never existed.
         :raises WrongValue: a point is outside the journal.
+        :raises Refused: the journal cannot be read, or an entry of it is damaged.
         """
         with self._connection(context, eid) as db:
             first, last = self._between(db, since, until)
@@ -237,7 +238,7 @@ class History:
         """The difference of a context between two points; false when there is none.
 
         :param since, until: None: the beginning of the journal, and now.
-        :raises UnknownName, WrongValue: as for `changes`.
+        :raises UnknownName, WrongValue, Refused: as for `changes`.
         """
         with self._connection(context) as db:
             first, last = self._between(db, since, until)
@@ -255,7 +256,7 @@ class History:
         Number, time and author are those of the request that led to this state.
 
         :param at: None: now.
-        :raises UnknownName, WrongValue: as for `changes`.
+        :raises UnknownName, WrongValue, Refused: as for `changes`.
         """
         with self._connection(context) as db:
             _, number = self._between(db, None, at)
@@ -420,4 +421,7 @@ def _entry(db: sqlite3.Connection, number: int, changes: _Changes) -> HistoryEnt
 
 
 def _record(eid: str, content: str | None) -> ElementRecord | None:
-    return None if content is None else read_record(eid, content)
+    try:
+        return None if content is None else read_record(eid, content)
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        raise sqlite3.DatabaseError(f"a past state of {eid} is damaged: {error}") from error

@@ -19,7 +19,7 @@ from skiros2_common.core.changeset import ChangeInfo, ElementRecord, read_record
 from skiros2_common.core.collector import collector_paused
 from skiros2_common.core.errors import ConfigurationError, Refused
 from skiros2_common.core.operations import ONTOLOGY
-from skiros2_world_model.core.journal_file import JournalFile, Retention, read_meta, read_only
+from skiros2_world_model.core.journal_file import JournalFile, Retention, read_meta, read_only, write_meta
 from skiros2_world_model.core.request_log import LogLine, RequestLog, RequestPart
 from skiros2_world_model.core.scene import Scene
 
@@ -93,6 +93,9 @@ class Journal:
             found = db.execute("SELECT last FROM request ORDER BY number DESC LIMIT 1").fetchone()
             self.last = found[0] if found is not None else 0
             state = read_state(db) if wanted else None
+            if wanted and not _was_running(db, self._origin):
+                with self._file.transaction():
+                    write_meta(db, state=_RUNNING, origin=self._origin)
         except (Refused, sqlite3.DatabaseError, LookupError, SyntaxError, TypeError, ValueError) as error:
             if isinstance(error.__cause__, sqlite3.OperationalError):
                 raise  # such as a full disk, on which the log cannot be merged
@@ -130,7 +133,7 @@ class Journal:
             if clean:
                 self._log.merge()
                 with self._file.transaction() as db:
-                    _set_meta(db, state=_ENDED)
+                    write_meta(db, state=_ENDED)
         finally:
             self._log.close()
             self._file.close()
@@ -186,7 +189,7 @@ class Journal:
         :raises Refused: the journal cannot be written.
         """
         with self._file.transaction() as db:
-            db.execute("INSERT OR REPLACE INTO meta VALUES (?,?)", (_META_PREFIX + key, text))
+            write_meta(db, **{_META_PREFIX + key: text})
 
     def get_meta(self, key: str) -> str:
         """The text stored under a key; "" when there is none."""
@@ -204,26 +207,23 @@ class Journal:
             writer.db.execute("DELETE FROM meta WHERE key LIKE ?", (f"{_META_PREFIX}%",))
             for content in contents:
                 writer.replace_context(*content)
-            _set_meta(writer.db, session=session, state=_RUNNING, origin=self._origin)
+            write_meta(writer.db, session=session, state=_RUNNING, origin=self._origin)
             writer.db.execute("INSERT OR IGNORE INTO meta VALUES ('begin', ?)", (change_info.version,))
 
     def _should_recover(self, db: sqlite3.Connection) -> bool:
-        state = read_meta(db, "state")
         if self._recover == ALWAYS:
-            return state is not None
-        return self._recover == KILLED and state == _RUNNING and read_meta(db, "origin") == self._origin
+            return read_meta(db, "state") is not None
+        return self._recover == KILLED and _was_running(db, self._origin)
 
 
 def first_number() -> int:
-    """The start number of a world model without a journal: the time in microseconds since the epoch.
-
-    It is higher than all numbers of earlier processes, as no world model makes a million changes per second.
-    """
+    """The start number of a world model without a journal: the time in microseconds since the epoch. It is higher than
+    all numbers of earlier processes, as no world model makes a million changes per second."""
     return int(time.time() * 1e6)
 
 
-def _set_meta(db: sqlite3.Connection, **notes: str) -> None:
-    db.executemany("INSERT OR REPLACE INTO meta VALUES (?,?)", notes.items())
+def _was_running(db: sqlite3.Connection, origin: str) -> bool:
+    return bool(read_meta(db, "state") == _RUNNING and read_meta(db, "origin") == origin)
 
 
 # -- the recorded state --------------------------------------------------------------------------------------------
@@ -324,7 +324,7 @@ def is_recoverable(path: Path, origin: str) -> bool:
     """Whether a journal of an origin has a state to recover. Any process may write it meanwhile."""
     try:
         with closing(read_only(path)) as db:
-            return bool(read_meta(db, "state") == _RUNNING and read_meta(db, "origin") == origin)
+            return _was_running(db, origin)
     except sqlite3.DatabaseError:  # there is none, or it is damaged: it is created again
         return False
 

@@ -76,6 +76,8 @@ def test_module_that_exits_is_skipped_and_logged(package, tmp_path):
 def test_missing_package_raises_a_configuration_error_with_its_name():
     with pytest.raises(ConfigurationError, match="library 'no_such_library': there is no Python package of that name"):
         PluginLoader().load("no_such_library", Base)
+    with pytest.raises(ConfigurationError, match=r"name; near: skiros2_common\.tools"):
+        PluginLoader().load("skiros2_common.tols", Base)
 
 
 def test_package_with_import_error_raises_a_configuration_error_with_the_cause(package):

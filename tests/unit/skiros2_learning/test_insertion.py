@@ -12,7 +12,7 @@ from skiros2_learning.core.evaluation import Evaluation, check_execution, evalua
 from skiros2_learning.core.objectives import Criterion
 from skiros2_learning.core.platforms import Simulation
 from skiros2_learning.core.randomisation import BodySpread, Randomisation
-from skiros2_learning.core.rewards import Distance, Signal
+from skiros2_learning.core.rewards import Distance, Relation, Signal
 from skiros2_learning.core.scenario import Scenario, Step, load_scenario
 from skiros2_learning.core.variables import Value, Variable, configuration_problems
 from skiros2_learning.local.insertion import default_configuration
@@ -83,6 +83,7 @@ def test_all_that_does_not_fit_is_reported(insertion: Scenario) -> None:
         task=(Step("SpiralSearch", "SpiralSearch", "spiral_search", {"SearchTim": 5.0}),),
         variables=(Variable("SpiralSearch.Force", "real", (0.0, 50.0)), Variable("Search.Radius", "real", (0.0, 0.01))),
         success=(Criterion("deep", Signal("dept"), 0.05), Criterion("near", Distance("Piston", "Bore 2"), 0.0, 0.1)),
+        constraints=(Criterion("in", Relation("Piston", "skiros:at", "Bore"), 1.0),),
         randomisation=Randomisation({"Piston": BodySpread(0.1)}),
     )
     with pytest.raises(ConfigurationError) as found:
@@ -93,6 +94,7 @@ def test_all_that_does_not_fit_is_reported(insertion: Scenario) -> None:
         "Search.Radius: no step is called 'Search'",
         "no series 'dept' is recorded; near: depth",
         "does not record the pose of 'Piston'",
+        "rewards: the insertion has no world model",
         "randomisation: the insertion has only `sensor`",
     ):
         assert text in str(found.value)

@@ -136,7 +136,8 @@ class PluginLoader:
         except FOREIGN_ERRORS as error:
             missing = error.name if isinstance(error, ModuleNotFoundError) else None
             if missing and f"{name}.".startswith(f"{missing}."):
-                raise MissingPackage(f"library {name!r}: there is no Python package of that name") from None
+                problem = f"there is no Python package of that name{_near(missing)}"
+                raise MissingPackage(f"library {name!r}: {problem}") from None
             raise MissingPackage(f"library {name!r} cannot be imported: {_cause(error)}") from error
 
     def _modules(self, package: ModuleType) -> builtins.list[ModuleType]:
@@ -153,6 +154,14 @@ class PluginLoader:
             else:
                 modules += self._modules(module)
         return modules
+
+
+def _near(missing: str) -> str:
+    """A hint with the modules whose names are nearest to a missing one; "" if none is near."""
+    parent = missing.rpartition(".")[0]
+    path = getattr(sys.modules[parent], "__path__", []) if parent else None
+    near = nearest(missing, (f"{parent}.{each.name}".strip(".") for each in pkgutil.iter_modules(path)))
+    return f"; near: {', '.join(near)}" if near else ""
 
 
 def _cause(error: Exception | SystemExit) -> ImportFailure:

@@ -17,7 +17,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_common.tools.libraries import find_libraries
 from skiros2_learning.command_line.running import (
-    cost_text,
+    cost_of,
     policy_lines,
     run_study,
     validate_study,
@@ -254,7 +254,8 @@ def _check(options: argparse.Namespace) -> CommandResult:
         f"{each.name}: {each.range_text}{f'; only if {each.condition_text}' if each.only_if else ''}"
         for each in scenario.variables
     ]
-    return CommandResult([*variables, cost_text(scenario, os.cpu_count() or 1)])
+    cost = cost_of(scenario, os.cpu_count() or 1)
+    return CommandResult([*variables, *cost.lines], None, cost.status)
 
 
 def _changed(scenario: Scenario, options: argparse.Namespace) -> Scenario:

@@ -133,23 +133,26 @@ def policy_lines(scenario: Scenario, found: ValidatedPolicy) -> list[str]:
     ]
 
 
-def cost_text(scenario: Scenario, workers: int) -> str:
-    """Describes how long a study takes at most, by the time of one execution. A real robot does not move for it."""
+def cost_of(scenario: Scenario, workers: int) -> CommandResult:
+    """Describes how long a study takes at most, by the time of one execution; status 1 if that breaks.
+
+    A real robot does not move for it.
+    """
     plan, budget = scenario.validation, scenario.budget.evaluations
     search, validation = budget * scenario.repetitions, plan.candidates * plan.choice + 2 * plan.repetitions
     text = f"at most {search} executions in the search and {validation} in the validation"
     if scenario.is_real:
-        return f"{text}, of up to {scenario.simulation.time_limit:g} s each, and the resets"
+        return CommandResult([f"{text}, of up to {scenario.simulation.time_limit:g} s each, and the resets"])
     configuration = scenario.typical
     for _ in range(2):  # the first one reads the ontologies
         begin = time.perf_counter()
         outcome = repeat_once(scenario, configuration, seed_of(scenario, _COST_NUMBER), 0)
         spent = time.perf_counter() - begin
     if isinstance(outcome, str):
-        return f"{text}; how long one takes is not known, as it breaks: {outcome}"
+        return CommandResult([text, f"an execution of a typical configuration breaks: {outcome}"], None, 1)
     total = (search + validation) * spent / workers
     time_text = f"{total:.0f} s" if total < 60.0 else f"{total / 60.0:.2g} min"
-    return f"{text}, {spent:.2g} s each: about {time_text} with {workers} processes"
+    return CommandResult([f"{text}, {spent:.2g} s each: about {time_text} with {workers} processes"])
 
 
 def _executor(

@@ -2,22 +2,25 @@
 
 A reward is a frozen dataclass with the method `__call__(record) -> float`; its fields are its parameters in the
 scenario. Decorate a class of your own with `@reward("name")`, in a module that the scenario names in `plugins`. A
-reward may state `things` (labels), `pairs` (labels whose clearance it reads) and `series` that must be recorded for it.
+reward may state `things` (labels), `pairs` (labels whose clearance it reads) and `series_names` that must be recorded
+for it, and `names` in the world model: kind (see `_KINDS`; "" for an element) and name by parameter.
 """
 
 from __future__ import annotations
 
+import builtins
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Protocol, TypeVar, cast, get_type_hints, runtime_checkable
 
 import numpy as np
 
-from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.world_element import Element
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_learning.core.elements import find_element
 from skiros2_learning.core.episode_record import Array, EpisodeRecord
 from skiros2_learning.core.sections import Flag, Number, Positive, Section, Text, Whole, mistaken, near, read
@@ -107,6 +110,22 @@ def names_used(rewards: Iterable[Reward]) -> tuple[set[str], set[tuple[str, str]
         pairs |= set(getattr(each, "pairs", ()))
         series |= set(getattr(each, "series_names", ()))
     return things | {label for pair in pairs for label in pair}, pairs, series
+
+
+#: Names in the ontologies: the kinds by which a reward may state them.
+_KINDS = {"relation": "owl:ObjectProperty", "property": "owl:DatatypeProperty"}
+
+
+def unknown_names(one: Reward, wmi: WorldModelPort) -> Iterator[tuple[str, str]]:
+    """Yields each parameter of a reward that names something the world model does not have, and the text."""
+    for key, (kind, name) in getattr(one, "names", {}).items():
+        try:
+            if not kind:
+                find_element(wmi, name)
+            elif wmi.add_prefix(name) not in (known := wmi.declared_names(_KINDS[kind])):
+                yield key, f"no ontology declares the {kind} {name!r}; {near(name, known)}"
+        except SkirosError as error:
+            yield key, str(error)
 
 
 Statistic = Literal["final", "maximum", "minimum", "mean", "integral"]
@@ -285,6 +304,12 @@ class Relation:
     relation: str
     object: str
 
+    @property
+    def names(self) -> dict[str, tuple[str, str]]:
+        return {
+            "subject": ("", self.subject), "relation": ("relation", self.relation), "object": ("", self.object)
+        }  # fmt: skip
+
     def __call__(self, record: EpisodeRecord) -> float:
         subject, other = _element(record, self.subject), _element(record, self.object)
         assert record.wmi is not None
@@ -300,6 +325,10 @@ class PropertyValue:
     element: str
     property: str
     value: Any
+
+    @builtins.property
+    def names(self) -> dict[str, tuple[str, str]]:
+        return {"element": ("", self.element), "property": ("property", self.property)}
 
     def __call__(self, record: EpisodeRecord) -> float:
         return 1.0 if _element(record, self.element).hasProperty(self.property, self.value) else 0.0

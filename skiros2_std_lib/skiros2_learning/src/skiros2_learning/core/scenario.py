@@ -13,6 +13,7 @@ import yaml
 from pydantic import AfterValidator, Field, PlainValidator, SkipValidation, ValidationError, ValidationInfo
 
 from skiros2_common.core.errors import ConfigurationError, WrongValue
+from skiros2_common.core.names import nearest
 from skiros2_common.core.yaml_text import YamlText, read_yaml
 from skiros2_common.tools.libraries import find_libraries
 from skiros2_learning.core.objectives import Criteria, Objective
@@ -53,6 +54,9 @@ Optimiser = Literal["prior", "tpe", "nsga2", "random", "qmc", "cmaes", "optuna-g
 OPTIMISERS: tuple[Optimiser, ...] = get_args(Optimiser)
 #: The layout of the file.
 VERSION = 1
+
+#: The scene of a scenario that has none.
+NO_SCENE = Path()
 
 #: What a validator knows: `context` is the folder of the file, `data` the values of the fields before its own.
 _Info = ValidationInfo[Any]
@@ -112,12 +116,17 @@ def _scene_file(named: Any, info: _Info) -> Path:
     """Returns the file: absolute, or relative to the folder of the scenario."""
     path: Path = info.context / str(named)
     if info.data.get("execution") == SIMULATED_SKILLS and not path.is_file():
-        raise ValueError(f"no such file: {path}" if named else "missing")
-    return path.resolve() if named else Path()
+        raise ValueError(f"no such file: {path}{_near_files(path)}" if named else "missing")
+    return path.resolve() if named else NO_SCENE
+
+
+def _near_files(path: Path) -> str:
+    close = nearest(path.name, (each.name for each in path.parent.glob("*")))
+    return f"; near: {', '.join(close)}" if close else ""
 
 
 def _found(packages: tuple[str, ...], info: _Info) -> tuple[str, ...]:
-    find_libraries(packages, info.context, info.data.get("scene", Path()).parent)
+    find_libraries(packages, info.context, info.data.get("scene", NO_SCENE).parent)
     return packages
 
 
@@ -144,16 +153,33 @@ def _named_once(task: tuple[Step, ...], info: _Info) -> tuple[Step, ...]:
     return task
 
 
-def _of_the_task(variables: tuple[Variable, ...], info: _Info) -> tuple[Variable, ...]:
-    if info.data.get("execution") in PLATFORMS.values() and "task" in info.data:
-        fixed = {f"{step.name}.{key}" for step in info.data["task"] for key in step.parameters}
-        if both := [each.name for each in variables if each.name in fixed]:
-            raise mistaken(((name,), "a variable, and fixed in the task: expected one of them") for name in both)
-        steps = [step.name for step in info.data["task"]]
-        text = f"expected STEP.PARAMETER with a step of the task: {', '.join(steps) or 'none'}"
-        if wrong := [each.name for each in variables if each.name.rpartition(".")[0] not in steps]:
-            raise mistaken(((name,), text) for name in wrong)
-    return variables
+def unassigned_variables(data: Mapping[str, Any]) -> list[str]:
+    """Returns the names of the variables that belong to no step of the task; [] if not all steps have names.
+
+    :param data: of the file, with values of any type.
+    """
+    names, variables = _step_names(data.get("task")), data.get("variables")
+    if not names or None in names or not isinstance(variables, Mapping):
+        return []
+    return [name for name in map(str, variables) if name.rpartition(".")[0] not in names]
+
+
+def _step_names(task: Any) -> list[str | None]:
+    steps = [step if isinstance(step, Mapping) else {} for step in task] if isinstance(task, list) else [{}]
+    named = (step.get("name") or step.get("skill") for step in steps)
+    return [name if isinstance(name, str) else None for name in named]
+
+
+def _fixed_variables(data: Mapping[str, Any]) -> list[str]:
+    task, variables = data.get("task"), data.get("variables")
+    steps = task if isinstance(task, list) else []
+    fixed = {
+        f"{name}.{key}"
+        for name, step in zip(_step_names(task), steps, strict=False)
+        if isinstance(step, Mapping) and isinstance(step.get("parameters"), Mapping)
+        for key in step["parameters"]
+    }
+    return [name for name in map(str, variables) if name in fixed] if isinstance(variables, Mapping) else []
 
 
 def _between_numbers(restrictions: tuple[Restriction, ...], info: _Info) -> tuple[Restriction, ...]:
@@ -212,7 +238,7 @@ class Scenario(Section):
     libraries: Annotated[tuple[Text, ...], AfterValidator(_found)] = ()
     plugins: Annotated[tuple[Text, ...], AfterValidator(_found), AfterValidator(_imported)] = ()
     task: Annotated[tuple[Step, ...], AfterValidator(_named_once)]
-    variables: Annotated[Named[Variable], Some, AfterValidator(_of_the_task), AfterValidator(check_conditions)]
+    variables: Annotated[Named[Variable], Some, AfterValidator(check_conditions)]
     restrictions: Annotated[tuple[Restriction, ...], AfterValidator(_between_numbers)] = ()
     objectives: Annotated[Named[Objective], Some]
     success: Criteria = ()
@@ -248,6 +274,12 @@ class Scenario(Section):
     def mistakes(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
         for key in data.keys() & {"source", "original"}:
             yield (key,), "unknown key"
+        if data.get("execution") in PLATFORMS.values():
+            steps = ", ".join(name for name in _step_names(data["task"]) if name) or "none"
+            for name in unassigned_variables(data):
+                yield ("variables", name), f"expected STEP.PARAMETER with a step of the task: {steps}"
+            for name in _fixed_variables(data):
+                yield ("variables", name), "a variable, and fixed in the task: expected one of them"
         most, failures = data.get("repetitions", cls.repetitions), data.get("max_failures")
         if isinstance(most, int) and isinstance(failures, int) and failures > max(1, most):
             yield ("max_failures",), f"expected at most {most}, the repetitions, got {failures}"

@@ -22,10 +22,11 @@ from skiros2_common.core.world_element import Element
 from skiros2_learning.core.elements import find_element
 from skiros2_learning.core.episode_record import EpisodeRecord
 from skiros2_learning.core.randomisation import NO_RANDOMISATION, Draw, Quantity, draw, quantities
-from skiros2_learning.core.rewards import names_used
-from skiros2_learning.core.scenario import Scenario, ScenarioError, Step
+from skiros2_learning.core.rewards import names_used, unknown_names
+from skiros2_learning.core.scenario import NO_SCENE, Scenario, ScenarioError, Step
 from skiros2_learning.core.sections import Mistake, UnknownNames, near
 from skiros2_learning.core.variables import Value, Variable
+from skiros2_learning.core.variations import Feature
 from skiros2_learning.local.knowledge import fresh_world_model
 from skiros2_learning.local.no_drivers import NoDrivers
 from skiros2_learning.local.recorder import Recorder
@@ -126,16 +127,39 @@ class Episode:
         succeeded = task.state is State.Success and not reason
         return self.recorder.record(succeeded, "" if succeeded else reason or why(task), bench.wmi)
 
+    def element_of(self, feature: Feature) -> Element:
+        """Returns the element of a feature of the task.
+
+        :raises SkirosError: the scene does not have it, or it has no such number.
+        """
+        element = find_element(self.bench.wmi, feature.element)
+        keys = [each.key for each in element.properties if isinstance(each.value, float)]
+        if feature.property not in keys:
+            text = f"variation {feature.name}: {feature.element} has no number {feature.property!r}"
+            raise UnknownName(f"{text}; {near(feature.property, keys)}")
+        return element
+
+    def take_posture(self, name: str) -> None:
+        """Puts all arms into a posture.
+
+        :raises SkirosError: an arm does not have it.
+        """
+        for eid, arm in self.world.arms.items():
+            positions = posture(self.bench.wmi.get_element(eid), name)
+            joints = {joint.name.rpartition("/")[2]: joint for joint in arm.joints}
+            wanted = {joint.rpartition("/")[2]: position for joint, position in positions.items()}
+            if wanted.keys() != joints.keys():
+                raise WrongValue(f"posture {name!r} of {eid}: joints {sorted(wanted)}, expected {sorted(joints)}")
+            for key, joint in joints.items():
+                self.world.physics.set_joint(arm.body, joint.index, wanted[key])
+            arm.drive([wanted[key] for key in joints])
+
     # -- internal --------------------------------------------------------------------------------------------------
 
     def _vary(self) -> None:
         """Changes the scene, also in the world model: the skills know the variation."""
         for feature in self._scenario.variations:
-            element = find_element(self.bench.wmi, feature.element)
-            keys = [each.key for each in element.properties if isinstance(each.value, float)]
-            if feature.property not in keys:
-                text = f"variation {feature.name}: {feature.element} has no number {feature.property!r}"
-                raise UnknownName(f"{text}; {near(feature.property, keys)}")
+            element = self.element_of(feature)
             element.setProperty(feature.property, float(self._scenario.variation[feature.name]))
             self.bench.wmi.update_element_properties(element)
 
@@ -143,7 +167,7 @@ class Episode:
         for eid, value in self.draw.friction.items():
             self.world.physics.set_surface(self.world.bodies[eid].body, -1, value)
         if self.draw.start:
-            self._take_posture(self.draw.start)
+            self.take_posture(self.draw.start)
         self.drivers = LocalDrivers(self.world)
         elements = self.bench.wmi.get_scene_elements()
         ids = {element.label: element.id for element in elements if element.label}
@@ -158,17 +182,6 @@ class Episode:
         self._last: dict[str, Pose] = {}
         self._follow_frames()
         self.recorder.sample()
-
-    def _take_posture(self, name: str) -> None:
-        for eid, arm in self.world.arms.items():
-            positions = posture(self.bench.wmi.get_element(eid), name)
-            joints = {joint.name.rpartition("/")[2]: joint for joint in arm.joints}
-            wanted = {joint.rpartition("/")[2]: position for joint, position in positions.items()}
-            if wanted.keys() != joints.keys():
-                raise WrongValue(f"posture {name!r} of {eid}: joints {sorted(wanted)}, expected {sorted(joints)}")
-            for key, joint in joints.items():
-                self.world.physics.set_joint(arm.body, joint.index, wanted[key])
-            arm.drive([wanted[key] for key in joints])
 
     def _command(self, step: Step, configuration: Mapping[str, Value]) -> tuple[str, str, dict[str, Any]]:
         learned = {
@@ -220,23 +233,34 @@ class Episode:
 def check_scenario(scenario: Scenario) -> None:
     """Checks a scenario against its scene and skills: labels, parameters, ranges; nothing is simulated.
 
-    :raises ConfigurationError: the text names all problems; a `ScenarioError` has their lines.
+    :raises ScenarioError: the text names all problems, with their lines.
     """
     mistakes: list[Mistake] = []
-    with FakeClock() as clock:
-        try:
-            with _comparable(scenario, clock, mistakes) as episode:
-                mistakes += step_mistakes(scenario, episode.bench)
-        except ConfigurationError:
-            raise
-        except SkirosError as error:
-            raise ConfigurationError(f"scenario {scenario.name}: {error}") from None
+    with FakeClock() as clock, ExitStack() as stack:
+        episode: Episode | None = None
+        if scenario.scene != NO_SCENE:
+            try:
+                episode = stack.enter_context(_comparable(scenario, clock, mistakes))
+            except SkirosError as error:
+                mistakes.append((("scene",), str(error)))
+        bench = stack.enter_context(SkillBench(clock=clock)) if episode is None else episode.bench
+        bench.library.on_load = lambda library, classes: None  # what does not fit is reported here
+        if not scenario.libraries:
+            mistakes.append((("libraries",), "libraries: missing; name the Python packages with the skills"))
+        for index, package in enumerate(scenario.libraries):
+            try:
+                bench.import_libraries(package)
+            except ConfigurationError as error:
+                mistakes.append((("libraries", index), str(error)))
+        mistakes += step_mistakes(scenario, bench, has_scene=episode is not None)
+        if episode is not None:
+            mistakes += _scene_mistakes(scenario, episode)
     if mistakes:
         raise ScenarioError(f"scenario {scenario.name}", mistakes, scenario.original)
 
 
 def _comparable(scenario: Scenario, clock: FakeClock, mistakes: list[Mistake]) -> Episode:
-    """Returns an episode to compare the steps with: if its scene has not all that randomisation and rewards name,
+    """Returns an episode to compare with, without skills: if its scene has not all that randomisation and rewards name,
     without these.
 
     :param mistakes: what they name wrongly is added.
@@ -247,14 +271,34 @@ def _comparable(scenario: Scenario, clock: FakeClock, mistakes: list[Mistake]) -
     for path, reward in scenario.reward_paths:
         things, _, series = names_used([reward])
         paths |= dict.fromkeys(things | series, path)
+    always: dict[str, Any] = {"libraries": (), "variation": {}}
     no_rewards: dict[str, Any] = {"objectives": (), "success": (), "constraints": ()}
-    for removed in ({}, {"randomisation": NO_RANDOMISATION}):
+    for randomisation in (replace(scenario.randomisation, starts=()), NO_RANDOMISATION):
         try:
-            return Episode(replace(scenario, **removed), scenario.seed, 0, clock)
+            return Episode(replace(scenario, **always, randomisation=randomisation), scenario.seed, 0, clock)
         except UnknownNames as error:
             found = [(paths[name], text) for name, text in error.problems.items()]
             mistakes += [each for each in found if each not in mistakes]
-    return Episode(replace(scenario, randomisation=NO_RANDOMISATION, **no_rewards), scenario.seed, 0, clock)
+    plain = replace(scenario, **always, **no_rewards, randomisation=NO_RANDOMISATION)
+    return Episode(plain, scenario.seed, 0, clock)
+
+
+def _scene_mistakes(scenario: Scenario, episode: Episode) -> list[Mistake]:
+    """Describes what start postures, variations, and conditions in rewards name that the scene does not have."""
+    found: list[Mistake] = []
+    for path, reward in scenario.reward_paths:
+        found += [((*path, key), text) for key, text in unknown_names(reward, episode.bench.wmi)]
+    for name in scenario.randomisation.starts:
+        try:
+            episode.take_posture(name)
+        except SkirosError as error:
+            found.append((("randomisation", "starts"), str(error)))
+    for feature in scenario.variations:
+        try:
+            episode.element_of(feature)
+        except SkirosError as error:
+            found.append((("variations", feature.name), str(error)))
+    return found
 
 
 def randomised_quantities(scenario: Scenario) -> list[Quantity]:
@@ -285,15 +329,21 @@ def default_configuration(scenario: Scenario) -> dict[str, Value]:
     return found
 
 
-def step_mistakes(scenario: Scenario, bench: SkillBench) -> list[Mistake]:
-    """Describes what does not fit between the steps with their variables and the skills and elements of a bench."""
+def step_mistakes(scenario: Scenario, bench: SkillBench, has_scene: bool = True) -> list[Mistake]:
+    """Describes what does not fit between the steps with their variables and the skills and elements of a bench.
+
+    :param has_scene: whether to look for the elements.
+    """
     found: list[Mistake] = []
     for index, step in enumerate(scenario.task):
+        key = "skill"
         try:
+            bench.library.require_type(step.skill, step.label)
+            key = "label"
             declared = declared_parameters(bench, step)
         except SkirosError as error:
             why = f"; {_NO_ROS}" if LocalDrivers is NoDrivers else ""
-            found.append((("task", index, "skill"), f"{error}{why}"))
+            found.append((("task", index, key), f"{error}{why}"))
             continue
         variables = {v.name.rpartition(".")[2]: v for v in scenario.variables if v.name.rpartition(".")[0] == step.name}
         places: dict[str, tuple[str | int, ...]] = {key: ("variables", each.name) for key, each in variables.items()}
@@ -311,7 +361,7 @@ def step_mistakes(scenario: Scenario, bench: SkillBench) -> list[Mistake]:
             if key in declared and (mistake := _variable_mistake(variable, declared[key])):
                 found.append(mistake)
         for key, value in step.parameters.items():
-            if key in declared and declared[key].is_element and isinstance(value, str):
+            if has_scene and key in declared and declared[key].is_element and isinstance(value, str):
                 try:
                     find_element(bench.wmi, value)
                 except SkirosError:

@@ -20,7 +20,7 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_contact_skills.fit import Fit
 from skiros2_learning.core.episode_record import EpisodeRecord
 from skiros2_learning.core.randomisation import Quantity, sensor_quantities
-from skiros2_learning.core.rewards import names_used
+from skiros2_learning.core.rewards import PropertyValue, Relation, Sparql, names_used
 from skiros2_learning.core.scenario import Scenario, ScenarioError
 from skiros2_learning.core.sections import Mistake, NotNegative, Section, mistakes_of, near, numbers, read
 from skiros2_learning.core.variables import Value
@@ -144,6 +144,8 @@ def check_scenario(scenario: Scenario) -> None:
             mistakes.append((("variables", variable.name), text))
     known = {DEPTH, TILT, ARM_FORCE}
     for path, reward in scenario.reward_paths:
+        if isinstance(reward, Relation | PropertyValue | Sparql):
+            mistakes.append((path, "rewards: the insertion has no world model"))
         things, _, series = names_used([reward])
         mistakes += [(path, f"no series {each!r} is recorded; {near(each, known)}") for each in sorted(series - known)]
         mistakes += [(path, f"rewards: the insertion does not record the pose of {each!r}") for each in sorted(things)]

@@ -23,7 +23,7 @@ from skiros2_common.ros.signals import RosSignals
 from skiros2_learning.core.elements import find_element
 from skiros2_learning.core.episode_record import EpisodeRecord
 from skiros2_learning.core.evaluation import Unavailable
-from skiros2_learning.core.rewards import names_used
+from skiros2_learning.core.rewards import names_used, unknown_names
 from skiros2_learning.core.scenario import Scenario, ScenarioError, Step
 from skiros2_learning.core.sections import Mistake, near
 from skiros2_learning.core.variables import Value
@@ -154,6 +154,8 @@ class RealRobot:
             problems += self._problem_of(label)
         for name in self._series:
             problems += self._problem_of(self._scenario.real.signals[name])
+        for reward in self._scenario.all_rewards:
+            problems += [text for _, text in unknown_names(reward, self._wmi)]
         if problems:
             raise ConfigurationError(f"scenario {self._scenario.name}: {'; '.join(dict.fromkeys(problems))}")
 

@@ -318,8 +318,10 @@ class SkillLibrary:
         if label and self._by_type.get(stype):
             labels = ", ".join(repr(i.label) for i in self._by_type[stype])
             return f"skill {stype} has no implementation {label!r}; it has: {labels}"
-        near = nearest(stype, self._by_type)
-        hint = f"near: {', '.join(near)}" if near else f"known types: {', '.join(sorted(self._by_type)) or 'none'}"
+        described = (self.descriptions.of(cls) for cls in self._loader)
+        known = {*self._by_type, *(each.skill.type for each in described if isinstance(each, Described))}
+        near = nearest(stype, known)
+        hint = f"near: {', '.join(near)}" if near else f"known types: {', '.join(sorted(known)) or 'none'}"
         return f"no skill of type {stype}{f' labelled {label!r}' if label else ''}; {hint}"
 
     def _declares(self, cls: type, stype: str) -> bool:

@@ -8,7 +8,8 @@ from skiros2_common.core.property import Property
 from skiros2_world_model.core.local_world_model import source_ontologies
 from skiros2_world_model.core.rdf import turtle
 from skiros2_world_model.core.scene import ElementRecord, Scene
-from skiros2_world_model.core.scene_rdf import scene_triples, scene_turtle
+from skiros2_world_model.core.scene_rdf import scene_triples
+from skiros2_world_model.core.scene_turtle import scene_turtle
 from skiros2_world_model.core.world_model import WorldModel
 
 BASE = WorldModel(source_ontologies()).knowledge_base
@@ -25,7 +26,11 @@ VALUES = st.one_of(
     st.lists(st.integers(), max_size=2).map(lambda v: [v]),
 )
 PROPERTIES = st.dictionaries(
-    st.sampled_from(["skiros:SizeX", "skiros:Flag", "skiros:anything", "lab:a-b", "rdfs:comment"]), VALUES, max_size=3
+    st.sampled_from(
+        ["skiros:SizeX", "skiros:Flag", "skiros:anything", "lab:a-b", "rdfs:label", "lab:on", "http://x.org/50%25"]
+    ),
+    VALUES,
+    max_size=3,
 )
 NODES = st.lists(
     st.tuples(IDS, st.sampled_from(["skiros:Product", "lab:Crate"]), st.text("a\n\"'", max_size=3), PROPERTIES)
@@ -33,6 +38,7 @@ NODES = st.lists(
 RELATIONS = st.lists(st.tuples(IDS, st.sampled_from(["skiros:contain", "lab:on", "rdf:type"]), IDS))
 EXTRAS = [
     ox.Triple(ox.NamedNode("http://x.org/y"), ox.NamedNode("http://x.org/y#p"), ox.Literal("chat", language="fr")),
+    ox.Triple(ox.NamedNode(BASE.prefixes.iri("skiros:Product-1")), ox.NamedNode("http://x.org/y#p"), ox.BlankNode("b")),
     ox.Triple(ox.BlankNode("b"), ox.NamedNode("http://x.org/y#p"), ox.Literal("1", datatype=ox.NamedNode("x:t"))),
 ]
 

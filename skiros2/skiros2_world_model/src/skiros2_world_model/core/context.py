@@ -19,7 +19,8 @@ from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.queries import containment_cycle, format_cycle
 from skiros2_world_model.core.rdf import parse_n_triples, python_value
 from skiros2_world_model.core.scene import ROOT, ChangeInfo, ElementRecord, Scene
-from skiros2_world_model.core.scene_rdf import GraphSync, SceneContent, scene_triples, scene_turtle
+from skiros2_world_model.core.scene_rdf import GraphSync, SceneContent, scene_triples
+from skiros2_world_model.core.scene_turtle import scene_turtle
 from skiros2_world_model.core.transaction import template_element
 
 _BLANK_SCENE = "skiros:blank_scene"

@@ -213,6 +213,15 @@ class TurtleWriter:
         self._nodes: dict[str, str] = {}
         self._used: set[str] = set()
         self._described: dict[str, set[str]] = {}
+        self._paragraphs: dict[str, str] = {}
+
+    def has(self, subject: str) -> bool:
+        """Whether there are statements on a subject."""
+        return subject in self._described
+
+    def add_paragraph(self, subject: str, text: str) -> None:
+        """Adds all statements on a subject as `text` would write them; it has no others."""
+        self._paragraphs[subject] = text
 
     def statements_on(self, subject: str) -> set[str]:
         """The statements on a subject, to add to: `predicate object`, or ` class` with a space before it.
@@ -223,10 +232,10 @@ class TurtleWriter:
 
     def text(self) -> bytes:
         """Serializes the statements, without duplicates."""
-        paragraphs = []
-        for subject in sorted(self._described):
-            lines = [f"    {'a' if s[0] == ' ' else ''}{s} ;\n" for s in sorted(self._described[subject])]
-            paragraphs.append(f"{subject}\n{''.join(lines)}.\n")
+        for subject, statements in self._described.items():
+            lines = [f"    {'a' if s[0] == ' ' else ''}{s} ;\n" for s in sorted(statements)]
+            self._paragraphs[subject] = f"{subject}\n{''.join(lines)}.\n"
+        paragraphs = [text for _, text in sorted(self._paragraphs.items())]
         namespaces = {prefix: namespace for namespace, prefix in self._prefixes.items()}
         header = "".join(f"@prefix {prefix}: <{namespaces[prefix]}> .\n" for prefix in sorted(self._used))
         return "\n".join([header, *paragraphs] if header else paragraphs).encode()
@@ -256,8 +265,11 @@ class TurtleWriter:
 
     def literal(self, text: str, datatype: str) -> str:
         """Serializes a literal, given by its text and the IRI of its datatype."""
-        quoted = f'"{text}"' if _PLAIN_TEXT.fullmatch(text) else str(ox.Literal(text))
-        return quoted + self.datatype(datatype)
+        return self.quoted(text) + self.datatype(datatype)
+
+    def quoted(self, text: str) -> str:
+        """Serializes a text."""
+        return f'"{text}"' if _PLAIN_TEXT.fullmatch(text) else str(ox.Literal(text))
 
     def datatype(self, iri: str) -> str:
         """Serializes the datatype of a literal."""

@@ -7,15 +7,14 @@ from itertools import chain
 
 import pyoxigraph as ox
 
-from skiros2_common.core.changeset import ChangeSet, Relation
+from skiros2_common.core.changeset import ChangeSet
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.names import id_number
 from skiros2_common.core.property import Property
 from skiros2_world_model.core.checks import LEFT_OUT, Checks
-from skiros2_world_model.core.datatypes import literal_parts
 from skiros2_world_model.core.ontology import Ontology
-from skiros2_world_model.core.prefixes import OWL, RDFS, XSD, Prefixes
-from skiros2_world_model.core.rdf import RDF_TYPE, TurtleWriter, literal, python_value
+from skiros2_world_model.core.prefixes import OWL, RDFS, Prefixes
+from skiros2_world_model.core.rdf import RDF_TYPE, literal, python_value
 from skiros2_world_model.core.scene import ChangeInfo, ElementRecord, Scene
 from skiros2_world_model.core.triple_store import TripleStore
 
@@ -167,51 +166,6 @@ def scene_triples(
     records, relations = list(scene), list(scene.relations())
     elements = (triple for record in records for triple in element_triples(record, ontology, prefixes))
     return chain(elements, (relation_triple(relation, prefixes) for relation in relations), extras)
-
-
-def scene_turtle(
-    records: Iterable[ElementRecord],
-    relations: Iterable[Relation],
-    extras: Iterable[ox.Triple],
-    ontology: Ontology,
-    prefixes: Prefixes,
-) -> bytes:
-    """Serializes elements, relations and extra triples as sorted Turtle, without building all triples first."""
-    writer = TurtleWriter(prefixes.namespaces())
-    names: dict[str, str] = {}
-    forms: dict[tuple[str, str, type], tuple[str, str, str]] = {}  # by class, property and type of the value
-
-    def written(name: str) -> str:
-        known = names.get(name)
-        if known is None:
-            known = names[name] = writer.node(prefixes.iri(name))
-        return known
-
-    for record in records:
-        statements = writer.statements_on(written(record.id))
-        statements.add(f" {written('owl:NamedIndividual')}")
-        statements.add(f" {written(record.type)}")
-        if record.label:
-            statements.add(f"{written('rdfs:label')} {writer.literal(record.label, XSD + 'string')}")
-        for key, prop in record.properties.items():
-            for value in prop.values:
-                form = (record.type, key, value.__class__)
-                known = forms.get(form)
-                if known is None:
-                    _, datatype = literal_parts(value, ontology.value_limits(record.type, key)[0])
-                    known = forms[form] = written(key), datatype, writer.datatype(datatype)
-                predicate, datatype, suffix = known
-                text = repr(value) if value.__class__ is float else ""
-                if text and text[-1] not in "fn":  # neither inf nor nan
-                    statements.add(f'{predicate} "{text}"{suffix}')
-                else:
-                    text = value if value.__class__ is str else literal_parts(value)[0]
-                    statements.add(f"{predicate} {writer.literal(text, datatype)}")
-    for src, pred, dst in relations:
-        writer.statements_on(written(src)).add(f"{writer.predicate(prefixes.iri(pred))} {written(dst)}")
-    for triple in extras:
-        writer.add(triple)
-    return writer.text()
 
 
 class GraphSync:

@@ -21,6 +21,7 @@ import rosgraph
 import rospy
 
 from skiros2_common.core.world_element import Element
+from skiros2_gateway.core.group_sync import LOG_LIMIT as JOBS_LOG_LIMIT
 from skiros2_msgs import msg as msgs
 from skiros2_msgs.srv import ResourceGetDescriptions
 from skiros2_world_model.core.journal_file import LOG_LIMIT
@@ -47,8 +48,6 @@ KEPT = max(3 * DAY, 15.0)  # s; three simulated days, but long enough to see the
 #: What a node may grow by between two figures: memory (share and MB), and threads and connections. A figure is taken at
 #: a moment when connections of clients that have gone may not be closed yet.
 MEMORY, MEMORY_MB, HANDLES = 0.05, 6.0, 6
-#: The size that SQLite's log of the jobs reaches before it is written back (KB).
-LOG_KB = 4400
 #: What the days differ by in the size of their jobs (KB), as in the number of rows.
 JOBS_KB = 400
 
@@ -190,7 +189,7 @@ class Soak:
                 elif key == "journal-wal KB":
                     most = LOG_LIMIT // 1024
                 elif key == "jobs.sqlite-wal KB":
-                    most = LOG_KB
+                    most = JOBS_LOG_LIMIT // 1024
                 elif key == "jobs KB":
                     most = before[key] * 1.5 + JOBS_KB
                 elif key.endswith("rows"):

@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 
 #: The size of the log (bytes) from which those who write wait until it is copied and empty. It grows so far only if
 #: there is no moment without transactions.
-_MAX_LOG = 16 * 2**20
+LOG_LIMIT = 16 * 2**20
 
 
 class GroupSync:
@@ -89,7 +89,7 @@ class GroupSync:
     def _checkpoint(self) -> None:
         try:
             self._db.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchall()
-            if os.fstat(self._log).st_size > _MAX_LOG:
+            if os.fstat(self._log).st_size > LOG_LIMIT:
                 self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
             # The first transaction after it begins the log again, and waits for the disk: this one, no other.
             [(version,)] = self._db.execute("PRAGMA user_version").fetchall()

@@ -19,8 +19,8 @@ from benchmarks.measurement import Measurement
 
 #: A ratio that has changed by more than this factor since it was first kept has a line with its name.
 CHANGED = 1.1
-#: Between two names in the picture, as a factor.
-_LABEL_GAP = 1.025
+#: The size of the names in the picture (points), and the distance of their centres as a factor of it.
+_LABEL_SIZE, _LABEL_GAP = 7, 1.4
 
 _PAGE = """# Speed over commits
 
@@ -119,23 +119,51 @@ def draw(history: Sequence[Kept], target: Path) -> None:
         first = points[0][1]
         places, values = [i for i, _ in points], [ratio / first for _, ratio in points]
         has_changed = not 1 / CHANGED <= values[-1] <= CHANGED
-        axes.plot(
+        [line] = axes.plot(
             places, values, marker="o", markersize=3, color=None if has_changed else "0.8", zorder=2 + has_changed
         )
         if has_changed:
-            labels.append((values[-1], places[-1], name))
-    height = 0.0
-    for value, place, name in sorted(labels):
-        height = max(value, height * _LABEL_GAP)
-        axes.annotate(name, (place, height), xytext=(6, 0), textcoords="offset points", fontsize=7, va="center")
+            labels.append((values[-1], places[-1], name, line.get_color()))
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter("{x:.1g}")
     axes.set_xticks(range(len(history)), [kept.commit for kept in history], rotation=45, ha="right")
     axes.set_xlim(-0.2, len(history) - 1 + max(0.6, 0.6 * len(history)))  # the names stand on the right
     axes.set_ylabel("ratio to the peer, divided by the first")
-    figure.savefig(target, dpi=100)
+    labels.sort()
+    gap = _LABEL_GAP * _LABEL_SIZE * figure.dpi / 72
+    figure.set_figheight(max(6.0, 2.0 + len(labels) * gap / figure.dpi))  # there is room for all names
+    figure.canvas.draw()  # lays it out
+    figure.set_layout_engine("none")
+    low, high = axes.get_window_extent().intervaly
+    wanted = [axes.transData.transform((0.0, value))[1] for value, *_ in labels]
+    heights = _spread(wanted, low + gap, high - gap, gap)
+    column = axes.transData.transform((len(history) - 0.8, 1.0))[0]
+    for (value, place, name, color), height in zip(labels, heights, strict=True):
+        axes.annotate(
+            name,
+            (place, value),
+            xytext=(column, height),
+            textcoords="figure pixels",
+            fontsize=_LABEL_SIZE,
+            va="center",
+            arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.5, "shrinkA": 0.0, "relpos": (0.0, 0.5)},
+        )
+    figure.savefig(target, dpi=figure.dpi)
     plt.close(figure)
+
+
+def _spread(wanted: Sequence[float], low: float, high: float, gap: float) -> list[float]:
+    """Returns heights from `low` to `high`, at least a gap from each other, near the wanted ones, which ascend."""
+    heights: list[float] = []
+    for height in wanted:
+        low = max(height, low)
+        heights.append(low)
+        low += gap
+    for index in reversed(range(len(heights))):
+        heights[index] = min(heights[index], high)
+        high = heights[index] - gap
+    return heights
 
 
 def _read(file: Path) -> list[Kept]:

@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import tempfile
+import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -58,6 +59,7 @@ def main() -> int:
         node = _Node(Path(folder), stack)
         for part in arguments.parts:
             print(f"measuring {part} ...", file=sys.stderr, flush=True)
+            start = time.monotonic()
             try:
                 for measurement in _measure(part, Path(folder), node):
                     print(f"    {measurement.name}: ratio {measurement.ratio:.2f}", file=sys.stderr, flush=True)
@@ -65,6 +67,7 @@ def main() -> int:
             except Exception:  # the other parts are measured all the same
                 traceback.print_exc()
                 failed.append(part)
+            print(f"    {part}: {time.monotonic() - start:.0f} s", file=sys.stderr, flush=True)
     print(table(done))
     if failed:
         print(f"not measured to the end: {', '.join(failed)}", file=sys.stderr)

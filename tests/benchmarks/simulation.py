@@ -17,7 +17,7 @@ from pathlib import Path
 import pybullet
 import pybullet_data
 
-from benchmarks.measurement import Measurement, paired
+from benchmarks.measurement import Measurement, cpu_seconds, paired
 from skiros2_sim.core.camera import picture_of
 from skiros2_sim.core.scene_reader import load_scene
 from skiros2_sim.core.scene_spec import SceneSpec
@@ -33,6 +33,8 @@ SECOND = 240
 PICTURES = 5
 #: At least 5 times real time without a camera, 2 times with one.
 MOST, MOST_WITH_CAMERA = 0.2, 0.5
+
+_PEER = "PyBullet alone, the same bodies"
 
 ROOT = Path(__file__).resolve().parents[2]
 OWL = ROOT / "skiros2_std_lib/demos/pick_and_place/owl"
@@ -73,6 +75,16 @@ def _measure_node(ros: Ros, folder: Path) -> Iterator[Measurement]:
     step = ros.service("/sim/step", Step)
     peer = _Bare(scene)
     step(steps=SECOND)
+    pid = ros.master.node_pid("/sim")
+    yield paired(  # depends less on other programs of the machine than the times below
+        "CPU time of a simulated second of the node",
+        lambda: _seconds_of(lambda: step(steps=SECOND), lambda: cpu_seconds(pid)),
+        _PEER,
+        lambda: _seconds_of(peer.step, time.thread_time),
+        unit="s",
+        runs=RUNS,
+        limit=MOST,
+    )
     for pictures in (0, PICTURES):
         if pictures:
             seen = ros.messages(scene.robots[0].cameras[0].rgb_topic, Image).connected()
@@ -91,7 +103,7 @@ def _beside(
     return paired(
         name,
         lambda: _seconds_of(ours, clock),
-        "PyBullet alone, the same bodies",
+        _PEER,
         lambda: _seconds_of(peer, clock),
         unit="s",
         runs=RUNS,

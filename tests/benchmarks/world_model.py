@@ -42,9 +42,10 @@ def measure(folder: Path) -> Iterator[Measurement]:
     few, many = World(folder, FEW), World(folder, MANY)
     yield from _reads(few, many)
     yield from _lookups(few, many)
-    yield from _files(many)
+    some = World(folder, SOME)
+    yield from _files(many, some)
     yield _instantiation(folder)
-    yield from _queries(World(folder, SOME))
+    yield from _queries(some)
     yield from _memory(folder)
 
 
@@ -202,28 +203,35 @@ def _resolve_ms(world: World, like: Element) -> float:
 # -- files ---------------------------------------------------------------------------------------------------------
 
 
-def _files(world: World) -> Iterator[Measurement]:
-    path = world.workspace / "bench.ttl"
-    world.model.save(path.name)
+def _files(many: World, some: World) -> Iterator[Measurement]:
+    """Oxigraph has the large scene, rdflib the smaller one: for the large one it would take two minutes."""
+    path = _saved(many)
     triples = [quad.triple for quad in ox.parse(path=str(path), format=ox.RdfFormat.TURTLE)]
-    graph = rdflib.Graph()
-    peers: list[tuple[str, Callable[[], object], str, Callable[[], object], float | None]] = [
-        ("load", lambda: world.model.load(path.name, "bench"), "Oxigraph's parser", lambda: _parse(path), None),
-        ("save", lambda: world.model.save(path.name), "Oxigraph's serialiser", lambda: _serialise(triples), None),
-        ("load", lambda: world.model.load(path.name, "bench"), "rdflib's parser", lambda: graph.parse(path), 2.0),
-        ("save", lambda: world.model.save(path.name), "rdflib's serialiser", lambda: graph.serialize(), 2.0),
-    ]
-    for name, ours, peer_name, peer, target in peers:
-        yield paired(
-            f"{name} of {MANY} elements",
-            lambda call=ours: _timed(call),  # type: ignore[misc]
-            peer_name,
-            lambda call=peer: _timed(call),  # type: ignore[misc]
-            unit="s",
-            runs=1 if target else 2,
-            warm_up=0,
-            target=target,
-        )
+    yield _beside(many, "load", "Oxigraph's parser", lambda: _parse(path))
+    yield _beside(many, "save", "Oxigraph's serialiser", lambda: _serialise(triples))
+    path, graph = _saved(some), rdflib.Graph()
+    yield _beside(some, "load", "rdflib's parser", lambda: graph.parse(path), 2.0)
+    yield _beside(some, "save", "rdflib's serialiser", lambda: graph.serialize(), 2.0)
+
+
+def _saved(world: World) -> Path:
+    return world.model.save("bench.ttl")
+
+
+def _beside(
+    world: World, name: str, peer_name: str, peer: Callable[[], object], target: float | None = None
+) -> Measurement:
+    ours = {"load": lambda: world.model.load("bench.ttl", "bench"), "save": lambda: _saved(world)}[name]
+    return paired(
+        f"{name} of {world.size} elements",
+        lambda: _timed(ours),
+        peer_name,
+        lambda: _timed(peer),
+        unit="s",
+        runs=2,
+        warm_up=0,
+        target=target,
+    )
 
 
 def _parse(path: Path) -> list[ox.Quad]:

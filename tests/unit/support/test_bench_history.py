@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import subprocess
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 from PIL import Image
 
 from benchmarks.history import clean_commit, keep
@@ -32,6 +35,24 @@ def test_figure_that_was_zero_has_a_row_but_no_line(tmp_path: Path) -> None:
     keep(tmp_path / "h", tmp_path, "aaaa", 0.1, [figure("a failure", 0.0), figure("a tick", 0.4)])
     assert [(row[0], row[3]) for row in rows(tmp_path)] == [("a failure", "0.00"), ("a tick", "0.40")]
     assert (tmp_path / "bench.png").is_file()
+
+
+@pytest.mark.parametrize("ratios", [[0.5] * 60, [0.001, 0.5, 0.5], [2.0, 2.01, 9.0, 9.0]])
+def test_names_in_the_picture_do_not_overlap(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ratios: list[float]
+) -> None:
+    names = [f"figure {number}" for number in range(len(ratios))]
+    drawn: list[Figure] = []
+    monkeypatch.setattr("matplotlib.pyplot.close", drawn.append)
+    keep(tmp_path / "h", tmp_path, "aaaa", 0.1, [figure(name, 1.0) for name in names])
+    ended, last = zip(names[::2], ratios[::2], strict=True), zip(names[1::2], ratios[1::2], strict=True)
+    keep(tmp_path / "h", tmp_path, "bbbb", 0.1, [figure(*each) for each in ended])
+    keep(tmp_path / "h", tmp_path, "cccc", 0.1, [figure(*each) for each in last])
+    [axes] = drawn[-1].axes
+    boxes = [Text.get_window_extent(text) for text in axes.texts]
+    assert len(boxes) == len(names)
+    assert all(axes.get_window_extent().y0 < box.y0 and box.y1 < axes.get_window_extent().y1 for box in boxes)
+    assert not [1 for one, other in itertools.combinations(boxes, 2) if one.overlaps(other)]
 
 
 def test_parts_that_are_measured_later_are_added_to_their_commit(tmp_path: Path) -> None:

@@ -111,6 +111,15 @@ def test_task_whose_last_report_is_that_before_the_silence_continues(cell: CellD
     assert (run.state, cell.robots_data()[0]["counters"]["failed"]) == (TaskState.RUNNING, 0)
 
 
+def test_task_with_a_single_message_before_the_silence_continues(cell: CellDocument) -> None:
+    record(cell, 4.0, root(1))
+    cell.apply(ManagerConnection(ROBOT, False))
+    cell.apply(ManagerConnection(ROBOT, True))
+    record(cell, 9.0, _aged(root(1), 4.9))  # each message is some time on its way
+    [run] = cell.runs
+    assert (run.state, cell.robots_data()[0]["counters"]["failed"]) == (TaskState.RUNNING, 0)
+
+
 def test_task_that_only_a_viewer_has_marked_as_lost_is_not_counted_when_it_continues(cell: CellDocument) -> None:
     record(cell, 1.0, root(1))
     [run] = cell.runs

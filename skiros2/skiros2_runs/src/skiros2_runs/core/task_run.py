@@ -30,6 +30,9 @@ _LONGEST = 3.2e7
 #: Managers publish the progress of each task at least this often (s).
 KEEP_ALIVE = 1.0
 
+#: By how much a message may be later than another of its task (s). No manager restarts in this time.
+_LATENESS = 0.5
+
 #: The longest time between two messages of a task (s), with a margin.
 _LONGEST_PERIOD = 1.5 * KEEP_ALIVE
 
@@ -143,7 +146,7 @@ class TaskRun:
         :param time: when it was received (s since the epoch).
         """
         age = _age(nodes)
-        return time - age <= self.latest.time or 0.0 < age == _age(self._nodes)
+        return time - age <= self.latest.time + _LATENESS or 0.0 < age == _age(self._nodes)
 
     def end_of(self, nodes: Sequence[NodeMessage], time: float) -> float | None:
         """Returns when the task has ended (s since the epoch), by how long it has run; None if `nodes` is not its end.

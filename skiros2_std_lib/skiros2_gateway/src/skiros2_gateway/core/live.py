@@ -33,6 +33,7 @@ from skiros2_gateway.core.alarms import TABLES as ALARM_TABLES
 from skiros2_gateway.core.alarms import Alarms, alarms_of
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job import BEFORE, FINAL
+from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.patch import apply_patch, merge_patch, without_none
 from skiros2_gateway.core.run_view import summary_data, tree_patch
 from skiros2_gateway.core.scene_history import TABLES, SceneHistory
@@ -105,6 +106,7 @@ class LiveView:
         self._keys: dict[str, TaskRun] = {}
         self._count = 0
         self._document: dict[str, Any] = {table: {} for table in _TABLES}
+        self._texts: dict[str, str] = {}  # of tables that have not changed since
         self._patch: dict[str, Any] = {}
         self._changed_runs: dict[str, TaskRun] = {}
         self._sent: dict[str, Frame] = {}
@@ -132,6 +134,14 @@ class LiveView:
         """Returns `document`, and the id of the last patch in it as `event`."""
         self.flush()
         return {"event": self.stream.last_id, "time": self.cell.clock(), "document": self._document}
+
+    def snapshot_text(self, more: Mapping[str, Any]) -> str:
+        """Returns the snapshot as JSON, with further members. The texts of tables are kept until they change."""
+        found = {**self.snapshot(), **more}
+        for table, entries in found.pop("document").items():
+            if table not in self._texts:
+                self._texts[table] = f'"{table}":{json_text(entries)}'
+        return f'{{"document":{{{",".join(self._texts.values())}}},{json_text(found)[1:]}'
 
     async def follow(self, service: Service) -> None:
         """Follows the jobs, and the state of the cell, until it is cancelled."""
@@ -338,6 +348,8 @@ class LiveView:
         if _conflicts(self._patch, patch):
             self._publish()
         apply_patch(self._document, patch)
+        for table in patch:
+            self._texts.pop(table, None)
         self._has_alarm_change |= not ALARM_TABLES.isdisjoint(patch)
         _merge(self._patch, patch)
         self._schedule()

@@ -43,6 +43,7 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, FastAPI, Query, Request, Response
 from fastapi.responses import StreamingResponse
+from fastapi.routing import APIRoute
 from pydantic import BaseModel, ConfigDict, Field
 
 from skiros2_common.core.errors import UnknownName
@@ -76,12 +77,13 @@ def create_app(service: Service, routers: Sequence[APIRouter] = (), max_body: in
         version="1",
         docs_url=None,
         redoc_url=None,
-        generate_unique_id_function=lambda route: route.name,
     )
     app.state.service = service
-    app.state.routers = (_router, *routers)
-    for router in app.state.routers:
-        app.include_router(router)
+    # `include_router` would prepare all routes again with the first request, and try routers and routes with each one
+    for route in (route for router in (_router, *routers) for route in router.routes):
+        assert isinstance(route, APIRoute)
+        route.operation_id = route.name  # for generators of clients
+        app.router.routes.append(route)
     app.openapi = lambda: describe(app)  # type: ignore[method-assign]
     add_error_handlers(app)
     app.add_middleware(Once, on_error=on_skiros_error)

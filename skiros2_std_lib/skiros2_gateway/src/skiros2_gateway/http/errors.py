@@ -144,8 +144,7 @@ async def on_http_error(request: Request, error: Exception) -> Response:
 
 def _methods(request: Request) -> set[str]:
     """Returns the methods of a path; a route of the framework knows its own only."""
-    routes = [route for router in getattr(request.app.state, "routers", ()) for route in router.routes]
-    found = [route for route in routes if route.matches(request.scope)[0] is not Match.NONE]
+    found = [route for route in request.app.routes if route.matches(request.scope)[0] is not Match.NONE]
     return {method for route in found for method in getattr(route, "methods", None) or ()}
 
 

@@ -74,8 +74,8 @@ def live_router(view: LiveView, cell: LiveCell, bags: Bags, stop_port: int = -1)
         """The document, and the id of the last patch."""
         service.view(caller)
         user = {"role": caller.role.name.lower(), "user": caller.user, "person": caller.person}
-        found = {**view.snapshot(), "styles": _styles(), "stop_port": stop_port, "clock": monotonic(), **user}
-        return _json(found)
+        text = view.snapshot_text({"styles": _styles(), "stop_port": stop_port, "clock": monotonic(), **user})
+        return Response(text, media_type="application/json")
 
     @router.get("/patches", response_class=StreamingResponse, responses=EVENTS)
     async def patches(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from types import SimpleNamespace
@@ -22,6 +23,7 @@ from skiros2_live.ros.managers import ManagerConnections, ManagerPatch
 from skiros2_skill.client.port import ALL
 from skiros2_skill.ros import discovery_interface
 from support.progress import RUNNING, SUCCESS, root
+from support.ros import wait_until
 
 ROBOT = "/robot"
 
@@ -31,10 +33,11 @@ class Topics:
 
     def __init__(self) -> None:
         self.callbacks: dict[str, Callable[..., None]] = {}
+        self.connections = 1
 
     def subscribe(self, name: str, _: Any, callback: Callable[..., None], *arguments: Any, **__: Any) -> Any:
         self.callbacks[name] = lambda message: callback(message, *arguments)
-        return SimpleNamespace(unregister=lambda: None, get_num_connections=lambda: 1)
+        return SimpleNamespace(unregister=lambda: None, get_num_connections=lambda: self.connections)
 
     def advertise(self, *_: Any, **__: Any) -> Any:
         return SimpleNamespace(publish=lambda: None, unregister=lambda: None)
@@ -88,6 +91,20 @@ def test_paused_and_ended_tasks_are_reported_by_a_manager_that_answers_late(topi
         assert patches[0] == ManagerConnection(ROBOT, True)
         progress = [patch for patch in patches if isinstance(patch, TaskProgress)]
         assert [(p.manager, p.task, p.is_past) for p in progress] == [(ROBOT, 7, False), (ROBOT, 6, True)]
+    finally:
+        connections.close()
+
+
+def test_manager_is_asked_for_its_tasks_once_its_progress_is_received(topics: Topics) -> None:
+    patches: list[ManagerPatch] = []
+    topics.connections = 0
+    connections = ManagerConnections("tests", patches.append)
+    try:
+        topics.manager_appears()
+        time.sleep(0.2)
+        assert connections.managers[ROBOT].asked == 0  # type: ignore[attr-defined]
+        topics.connections = 1
+        wait_until(lambda: len(patches) == 3)
     finally:
         connections.close()
 

@@ -24,6 +24,8 @@ log = logging.getLogger(__name__)
 _QUEUE = 1000
 #: The time after which a manager that has not answered is asked for its tasks again (s).
 _RETRY_DELAY = 1.0
+#: How often the connection to a manager's progress is looked at before that (s).
+_CONNECTION_DELAY = 0.02
 
 #: What a manager reports.
 ManagerPatch = ManagerConnection | SafetyChanged | TaskProgress
@@ -73,11 +75,11 @@ class ManagerConnections(DiscoveryInterface):
     def _on_up(self, name: str) -> None:
         self._up[name] = manager = ManagerClient(name, self._author)
         self._report(ManagerConnection(name, True))
-        self._subscribers[name] = rospy.Subscriber(
+        self._subscribers[name] = progress = rospy.Subscriber(
             f"{name}/monitor", QuickTreeProgress, self._on_progress, name, queue_size=_QUEUE
         )
         self._safety_subscribers[name] = rospy.Subscriber(f"{name}/safety", SafetyStatus, self._on_safety, name)
-        threading.Thread(target=self._catch_up, args=(manager,), name="known tasks", daemon=True).start()
+        threading.Thread(target=self._catch_up, args=(manager, progress), name="known tasks", daemon=True).start()
 
     def _on_down(self, name: str) -> None:
         self._up.pop(name).close()
@@ -93,11 +95,17 @@ class ManagerConnections(DiscoveryInterface):
     def _on_safety(self, status: Any, name: str) -> None:
         self._report(SafetyChanged(name, status.state, status.reason, tuple(status.stops), status.since.to_sec()))
 
-    def _catch_up(self, manager: ManagerClient) -> None:
+    def _catch_up(self, manager: ManagerClient, progress: Any) -> None:
         """Reports the tasks that exist already, as soon as the manager answers: a paused task publishes nothing, and
         others may have ended while the manager was silent.
+
+        :param progress: the subscriber of the manager's progress.
         """
         while self._up.get(manager.name) is manager:
+            if not progress.get_num_connections():  # a task could end after the answer and before the connection
+                if self._discovery_ended.wait(_CONNECTION_DELAY):
+                    return
+                continue
             asked = now()
             try:
                 tasks, ended = manager.read_tasks(), manager.read_tasks(ENDED)

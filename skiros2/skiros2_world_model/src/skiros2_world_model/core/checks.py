@@ -142,13 +142,15 @@ class Checks:
             raise error.with_text(f"{self.origin}: {who}: {error}") from None
         return checked
 
-    def plain_type(self, etype: str, key: str) -> type | None:
-        """The type, float or bool, of which `property` accepts any one value for a class without an issue; or None."""
+    def plain_types(self, etype: str, key: str) -> tuple[type, ...]:
+        """The types, of float, bool and str, of which `property` accepts any one value for a class without an issue;
+        texts if they are Unicode, as those of files are."""
         datatype, most = self.ontology.value_limits(etype, key)
-        kind = PYTHON_TYPES.get(datatype)
         is_known = self.full(key) == key and self.ontology.has_data_property(key)
-        fits = most != 0 and not any(self.ontology.domain_range_violations(etype, key, ""))
-        return kind if kind in (float, bool) and is_known and fits else None
+        if not is_known or most == 0 or any(self.ontology.domain_range_violations(etype, key, "")):
+            return ()
+        kind = PYTHON_TYPES.get(datatype)
+        return tuple(each for each in (float, bool, str) if kind in (None, each))
 
     def label(self, text: str, who: str) -> str:
         """Checks a label and returns it.

@@ -42,7 +42,7 @@ class SceneContent:
         self._origin = checks.origin
         self._provenance = change_info
         self._names: dict[str, str] = {}  # of predicates and classes, by IRI
-        self._plain_types: dict[tuple[str, str], type | None] = {}
+        self._plain: dict[tuple[str, str], tuple[type, ...]] = {}
         described: dict[str, list[ox.Triple]] = {}
         for triple in triples:
             if isinstance(triple.subject, ox.NamedNode):
@@ -109,17 +109,18 @@ class SceneContent:
     def _checked(self, eid: str, etype: str, key: str, literals: list[ox.Literal]) -> Property:
         if len(literals) == 1:
             value = python_value(literals[0])
-            if value.__class__ is self._plain_type(etype, key):
+            if value.__class__ in self._plain_types(etype, key):
                 return Property(key, value)
         values = [python_value(v) for v in sorted(literals, key=str)]
         prop = Property(key, values if len({type(v) for v in values}) == 1 else [str(v) for v in values])
         return self._checks.property(etype, key, prop, eid)
 
-    def _plain_type(self, etype: str, key: str) -> type | None:
-        """The type of which one value needs no further check for a property; None if there is no such type."""
-        if (etype, key) not in self._plain_types:
-            self._plain_types[etype, key] = self._checks.plain_type(etype, key)
-        return self._plain_types[etype, key]
+    def _plain_types(self, etype: str, key: str) -> tuple[type, ...]:
+        """The types of which one value needs no further check for a property."""
+        known = self._plain.get((etype, key))
+        if known is None:
+            known = self._plain[etype, key] = self._checks.plain_types(etype, key)
+        return known
 
     def _fits(self, eid: str, etype: str, key: str, literal: ox.Literal) -> bool:
         """Whether a value is valid for a property; reports an invalid value to the checks."""

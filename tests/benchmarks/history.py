@@ -72,13 +72,15 @@ def clean_commit(root: Path) -> str:
 
 def keep(file: Path, docs: Path, commit: str, load: float, measured: Sequence[Measurement]) -> None:
     """Adds figures to those that are kept, and writes the page and the picture. Further parts of a commit are added.
+    Of figures with the same name, but different peers, the last one has the name alone.
 
     :param file: the history.
     :param docs: the folder of the page.
     """
     history = _read(file)
     known = history.pop().figures if history and history[-1].commit == commit else {}
-    figures = known | {m.name: m for m in measured}
+    last = {m.name: m for m in measured}
+    figures = known | {m.name if m is last[m.name] else f"{m.name}, beside {m.peer}": m for m in measured}
     history.append(Kept(commit, time.strftime("%Y-%m-%d"), _machine(), round(load, 1), figures))
     file.write_text(json.dumps([asdict(kept) for kept in history], indent=1) + "\n")
     (docs / "bench.md").write_text(page(history))

@@ -37,6 +37,15 @@ def test_figure_that_was_zero_has_a_row_but_no_line(tmp_path: Path) -> None:
     assert (tmp_path / "bench.png").is_file()
 
 
+def test_figures_with_the_same_name_and_different_peers_have_a_row_each(tmp_path: Path) -> None:
+    slower = Measurement("a save", 3.0, "s", 2, "the other peer", 1.0, 3.0)
+    keep(tmp_path / "h", tmp_path, "aaaa", 0.1, [slower, figure("a save", 0.4)])
+    assert [(row[0], row[3]) for row in rows(tmp_path)] == [
+        ("a save, beside the other peer", "3.00"),
+        ("a save", "0.40"),
+    ]
+
+
 @pytest.mark.parametrize("ratios", [[0.5] * 60, [0.001, 0.5, 0.5], [2.0, 2.01, 9.0, 9.0]])
 def test_names_in_the_picture_do_not_overlap(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ratios: list[float]

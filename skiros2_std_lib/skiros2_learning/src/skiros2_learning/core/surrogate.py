@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.optimize import minimize
 from scipy.spatial.distance import cdist
 from scipy.special import log_ndtr
@@ -121,32 +122,38 @@ def _fitted(
     features: Array, values: Array, known: Array, nominal: npt.NDArray[np.bool_], random: np.random.Generator
 ) -> Array:
     """Returns the logarithms of length scales, variance and noise: the best of several starts."""
-    dimensions = features.shape[1]
-    apart = [
-        np.not_equal.outer(column, column).astype(float) if nominal[i] else np.subtract.outer(column, column) ** 2
-        for i, column in enumerate(features.T)
-    ]
+    count, dimensions = features.shape
+    # matrices are symmetric: only what is below the diagonal is computed, as vectors
+    rows, columns = np.tril_indices(count, -1)
+    below, diagonal = rows + count * columns, np.arange(count) * (count + 1)
+    apart = (features[rows] - features[columns]).T ** 2
+    apart[nominal] = apart[nominal] > 0.0
     bounds = [tuple(map(math.log, each)) for each in [_SCALES] * dimensions + [_VARIANCES, _NOISES]]
 
     def cost(theta: Array) -> tuple[float, Array]:
         inverse = np.exp(-2.0 * theta[:dimensions])
         variance, residual = math.exp(theta[-2]), math.exp(theta[-1])
-        root = np.sqrt(5.0 * sum(d * w for d, w in zip(apart, inverse, strict=True)))
-        decay = np.exp(-root)
-        covariance = variance * (1.0 + root + root**2 / 3.0) * decay
-        try:
-            factor = cho_factor(covariance + np.diag(known + residual + 1e-10), lower=True, check_finite=False)
-        except np.linalg.LinAlgError:
+        squared = inverse @ apart
+        root = np.sqrt(5.0 * squared)
+        decay = variance * np.exp(-root)
+        covariance = (1.0 + root + 5.0 / 3.0 * squared) * decay
+        matrix = np.empty(count * count)  # by columns, as LAPACK expects
+        matrix[below] = covariance
+        matrix[diagonal] = variance + known + residual + 1e-10
+        factor, failed = dpotrf(matrix.reshape(count, count).T, lower=True, overwrite_a=True, clean=False)
+        if failed:
             return 1e10, np.zeros_like(theta)
-        weights = cho_solve(factor, values, check_finite=False)
+        evidence = -float(np.log(matrix[diagonal]).sum())
+        weights, _ = dpotrs(factor, values, lower=True)
+        evidence -= 0.5 * float(values @ weights)
+        dpotri(factor, lower=True, overwrite_c=True)
         # derivative of the log evidence by the covariance, times 2
-        change = np.outer(weights, weights) - cho_solve(factor, np.eye(len(values)), check_finite=False)
-        steep = change * (5.0 / 3.0 * variance * (1.0 + root) * decay)
+        change = weights[rows] * weights[columns] - matrix[below]
+        trace = float(weights @ weights - matrix[diagonal].sum())
         slopes = np.empty_like(theta)
-        slopes[:dimensions] = [0.5 * float((steep * d).sum()) * w for d, w in zip(apart, inverse, strict=True)]
-        slopes[-2] = 0.5 * float((change * covariance).sum())
-        slopes[-1] = 0.5 * float(np.trace(change)) * residual
-        evidence = -0.5 * float(values @ weights) - float(np.log(np.diag(factor[0])).sum())
+        slopes[:dimensions] = apart @ (change * (5.0 / 3.0 * (1.0 + root) * decay)) * inverse
+        slopes[-2] = float(change @ covariance) + 0.5 * trace * variance
+        slopes[-1] = 0.5 * trace * residual
         prior = theta[-2] - variance + 0.1 * theta[-1] - 30.0 * residual
         prior -= 0.1 * float((inverse + 1.0 / inverse).sum())
         slopes[:dimensions] += 0.2 * (inverse - 1.0 / inverse)

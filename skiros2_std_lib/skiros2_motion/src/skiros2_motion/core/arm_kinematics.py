@@ -169,18 +169,6 @@ def difference(target: Pose, pose: Pose) -> Array:
     return np.array([twist[i] for i in range(6)])
 
 
-class Line:
-    """A straight line between two poses, with an even rotation in the shorter direction."""
-
-    def __init__(self, start: Pose, end: Pose) -> None:
-        self._start = frame_of(start)
-        self._twist = PyKDL.diff(self._start, frame_of(end))
-
-    def at(self, part: float) -> Pose:
-        """Returns the pose at a part of the line, 0 (start) to 1 (end)."""
-        return pose_of(PyKDL.addDelta(self._start, self._twist, part))
-
-
 def frame_of(pose: Pose) -> PyKDL.Frame:
     """Converts a pose to a frame of KDL."""
     return PyKDL.Frame(PyKDL.Rotation.Quaternion(*pose.orientation), PyKDL.Vector(*pose.position))

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from skiros2_common.core.errors import Refused, SkirosError, WrongValue
-from skiros2_motion.core.arm_kinematics import ArmKinematics, Line, distances
-from skiros2_motion.core.geometry import Pose, composed, inverted, normalized, rotated
+from skiros2_motion.core.arm_kinematics import ArmKinematics, distances
+from skiros2_motion.core.geometry import IDENTITY, Pose, between, composed, inverted, normalized, rotated
 from skiros2_motion.core.impedance import MAX_STIFFNESS, checked
 from skiros2_motion.core.motion import Outcome, Pieces, State, advance
 from skiros2_sim.core.arm_controller import ArmController
@@ -56,9 +56,9 @@ class CartesianPath:
         speed: float,
         angular_speed: float,
     ) -> None:
-        self._line = Line(start, target)
+        self._start, self._target = start, target
         self._length, self._angle = distances(start, target)
-        self._positions = positions
+        self._positions, self._steps = positions, np.diff(positions, axis=0)
         self._rate, self._ramp = self._profile(joints, speed, angular_speed)
 
     @classmethod
@@ -85,10 +85,10 @@ class CartesianPath:
             )
         length, angle = distances(first, last)
         cells = max(1, math.ceil(length / _STEP), math.ceil(angle / _TURN_STEP))
-        line, solved = Line(first, last), [start]
+        solved = [start]
         for k in range(1, cells + 1):
             yield
-            found = kinematics.inverse(line.at(k / cells), solved[-1], restarts=0)
+            found = kinematics.inverse(between(first, last, k / cells), solved[-1], restarts=0)
             jumps = np.abs(found.positions - solved[-1])
             if not found.converged or float(jumps.max()) > _LARGEST_JUMP:
                 reason = _at_limits(kinematics, joints, found.positions) or "the arm would have to change its posture"
@@ -108,19 +108,19 @@ class CartesianPath:
         """Returns the target `time` seconds after the start; `speed` is the rate of time, for the velocities."""
         positions, velocities = self.joints_at(time, speed)
         s = self._along(time)[0]
-        return PathPoint(self._line.at(s), positions, velocities, (1 - s) * self._length)
+        return PathPoint(between(self._start, self._target, s), positions, velocities, (1 - s) * self._length)
 
     def tool_at(self, time: float) -> Pose:
         """Returns the tool pose of `at`."""
-        return self._line.at(self._along(time)[0])
+        return between(self._start, self._target, self._along(time)[0])
 
     def joints_at(self, time: float, speed: float = 1.0) -> tuple[Array, Array]:
         """Returns the joint positions and velocities of `at`."""
         s, rate = self._along(time)
         cells = len(self._positions) - 1
         i = min(int(s * cells), cells - 1)
-        before, step = self._positions[i], self._positions[i + 1] - self._positions[i]
-        return before + (s * cells - i) * step, step * cells * rate * speed
+        step = self._steps[i]
+        return self._positions[i] + (s * cells - i) * step, step * (cells * rate * speed)
 
     def _along(self, time: float) -> tuple[float, float]:
         """Returns the completed fraction of the path, and its rate (1/s)."""
@@ -249,8 +249,9 @@ class CartesianMotion:
         self._final_outcome: Outcome | None = None  # outcome after braking or retreat
         self._nearest, self._since = math.inf, 0.0
         self._retreat_time = 0.0  # s
-        self._wrench = np.array(self._arm.wrench())
+        self._wrench: tuple[float, ...] = self._arm.wrench()
         self._is_planned = False
+        self._base = self._from_map = IDENTITY  # of the robot in the map, and the inverse
         try:
             self._check()
         except SkirosError as error:
@@ -266,7 +267,7 @@ class CartesianMotion:
     def feedback(self) -> ToolState:
         """Returns the current state."""
         pose = self._arm.tool_pose()
-        return ToolState(pose, tuple(self._wrench.tolist()), distances(pose, self._goal.target)[0])
+        return ToolState(pose, self._wrench, distances(pose, self._goal.target)[0])
 
     def update(self, dt: float) -> None:
         """Advances by `dt` seconds."""
@@ -275,7 +276,9 @@ class CartesianMotion:
         if not self._is_planned:
             self._plan()
             return
-        self._wrench += (np.array(self._arm.wrench()) - self._wrench) * min(1.0, dt / _FELT_OVER)
+        share = min(1.0, dt / _FELT_OVER)
+        pairs = zip(self._wrench, self._arm.wrench(), strict=True)
+        self._wrench = tuple([old + (new - old) * share for old, new in pairs])
         self._spent += dt
         if self._final_outcome is None:
             tool = self._arm.tool_pose()
@@ -309,9 +312,9 @@ class CartesianMotion:
         if path is None:
             return
         self._path, self._is_planned = path, True
-        self._wrench = np.array(self._arm.wrench())
+        self._wrench = self._arm.wrench()
         # the initial force must not prevent a retreat from a contact
-        self._initial_forces = float(np.linalg.norm(self._wrench[:3])), float(np.linalg.norm(self._wrench[3:]))
+        self._initial_forces = math.hypot(*self._wrench[:3]), math.hypot(*self._wrench[3:])
         # contact force is measured relative to the weight of a carried object, in the map
         self._carried = rotated(self._arm.tool_pose().orientation, self._arm.wrench()[:3])
         self._contacts.restart()
@@ -347,11 +350,12 @@ class CartesianMotion:
         """
         if self._controller.stop is not None:
             return self._stop(State.ABORTED, FORCE_LIMIT, f"{self._controller.stop}{self._contacts.describe()}")
-        wrench = self._wrench.tolist()
-        force, torque = math.hypot(*wrench[:3]), math.hypot(*wrench[3:])
-        contact = math.dist(rotated(tool.orientation, wrench[:3]), self._carried)
-        if 0.0 < self._goal.contact_force <= contact:
-            return self._stop(State.SUCCEEDED, SUCCESSFUL, f"contact of {contact:.1f} N{self._contacts.describe()}")
+        force, torque = math.hypot(*self._wrench[:3]), math.hypot(*self._wrench[3:])
+        if self._goal.contact_force > 0.0:
+            contact = math.dist(rotated(tool.orientation, self._wrench[:3]), self._carried)
+            if contact >= self._goal.contact_force:
+                text = f"contact of {contact:.1f} N{self._contacts.describe()}"
+                return self._stop(State.SUCCEEDED, SUCCESSFUL, text)
         for felt, at_first, limit, what in (
             (force, self._initial_forces[0], self._goal.max_force or MAX_FORCE, "N"),
             (torque, self._initial_forces[1], self._goal.max_torque or MAX_TORQUE, "Nm"),
@@ -363,7 +367,10 @@ class CartesianMotion:
 
     def _check_progress(self, tool: Pose, dt: float) -> Outcome | None:
         """Returns the outcome if the tool has arrived, is blocked, or the timeout has passed."""
-        pose = composed(inverted(self._controller.robot.pose()), tool)
+        base = self._controller.robot.pose()
+        if base != self._base:
+            self._base, self._from_map = base, inverted(base)
+        pose = composed(self._from_map, tool)
         if not self._controller.compliant:
             behind, turned_behind = distances(pose, self._path.tool_at(self._time))
             if behind > _BEHIND or turned_behind > _TURNED_BEHIND:

@@ -81,6 +81,23 @@ def test_check_says_how_long_the_study_will_take(file: str, capsys: pytest.Captu
     )
 
 
+def test_check_names_a_better_optimiser_only_where_it_was_measured(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = scenario_text("limited", "parabola", evaluations=2, initial=1)
+    limited = text + "constraints: [{reward: signal, series: value, at_most: 1}]\n"
+    file = tmp_path / "limited.yaml"
+    for changed, is_named in (
+        (limited, True),
+        (text, False),
+        (limited.replace("range: [0, 1]", "range: [0, 1], prior: {mean: 0.3, std: 0.1}"), False),
+        (f"{limited}optimiser: tpe\n", False),
+    ):
+        file.write_text(changed)
+        assert main(["check", str(file)]) == 0
+        assert ("optimiser optuna-gp found better values with constraints" in capsys.readouterr().out) is is_named
+
+
 def test_check_fails_if_an_execution_breaks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "breaks.yaml"
     file.write_text(scenario_text("breaks", "not_a_number", evaluations=2, initial=1))

@@ -31,6 +31,7 @@ from skiros2_learning.core.policy import Policy, has_variations, learn_variation
 from skiros2_learning.core.policy_table import applicable_policy, stored_policy
 from skiros2_learning.core.pools import DASK, Workers
 from skiros2_learning.core.report import describe, format_value, status_lines, write_report
+from skiros2_learning.core.samplers import better_sampler
 from skiros2_learning.core.scenario import OPTIMISERS, Scenario
 from skiros2_learning.core.scenario_check import load_checked, plugins_of
 from skiros2_learning.core.storage import public_name
@@ -255,7 +256,8 @@ def _check(options: argparse.Namespace) -> CommandResult:
         for each in scenario.variables
     ]
     cost = cost_of(scenario, os.cpu_count() or 1)
-    return CommandResult([*variables, *cost.lines], None, cost.status)
+    hint = better_sampler(scenario)
+    return CommandResult([*variables, *cost.lines, *([hint] if hint else [])], None, cost.status)
 
 
 def _changed(scenario: Scenario, options: argparse.Namespace) -> Scenario:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import Any
@@ -62,6 +62,8 @@ SIGNALS = {
         "high": 81.0,
     },
 }
+#: Changes a gateway and its live view.
+Activity = Callable[[Gateway, LiveView], Coroutine[Any, Any, Any]]
 COUNTERS = {"succeeded": 12, "failed": 1, "oee": 0.81}
 
 
@@ -114,10 +116,11 @@ def ask(gateway: Any) -> asyncio.Task[str]:
 
 
 @contextmanager
-def served_page(folder: Path, page: Path) -> Iterator[str]:
+def served_page(folder: Path, page: Path, activity: Activity | None = None) -> Iterator[str]:
     """Serves the page in a thread with a loop of its own; yields the address.
 
     :param page: the folder of the bundle.
+    :param activity: runs in the loop meanwhile.
     """
 
     @asynccontextmanager
@@ -132,7 +135,9 @@ def served_page(folder: Path, page: Path) -> Iterator[str]:
             gateway.cell.document.apply(TaskProgress(robot, pick_and_place(task_id=number), stamp))
             last = pick_and_place(SUCCESS, SUCCESS, task_id=number, state=SUCCESS if number else FAILURE, code=1)
             gateway.cell.document.apply(TaskProgress(robot, last, stamp + 12.5))
-        tasks = [asyncio.create_task(view.follow(gateway.service)), ask(gateway)]
+        tasks: list[asyncio.Task[Any]] = [asyncio.create_task(view.follow(gateway.service)), ask(gateway)]
+        if activity is not None:
+            tasks.append(asyncio.create_task(activity(gateway, view)))
         agents = AgentServer(gateway.service).router()
         routers = [live_router(view, _Cell(), Bags(None)), alarms_router(view), figures_router(figures.write)]
         cells = [OtherCell(name="Line 3", address="http://127.0.0.1:9", token="")]

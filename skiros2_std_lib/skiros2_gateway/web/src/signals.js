@@ -26,7 +26,6 @@ export class SignalsView {
 
   // Keeps the values also while the panel is hidden.
   take(patch) {
-    const now = this.cell.now;
     for (const id of Object.keys(patch ?? this.cell.document.signals)) {
       const signal = this.cell.document.signals[id];
       if (!signal) this.#samples.delete(id);
@@ -34,7 +33,7 @@ export class SignalsView {
         if (!this.#samples.has(id)) this.#samples.set(id, []);
         const samples = this.#samples.get(id);
         samples.push([signal.time, signal.low, signal.high]);
-        while (samples.length && samples[0][0] < now - SPAN - 1) samples.shift();
+        while (samples[0][0] < signal.time - SPAN - 1) samples.shift(); // whatever the clock of this machine says
       }
     }
   }

@@ -257,7 +257,8 @@ def _check(options: argparse.Namespace) -> CommandResult:
     ]
     cost = cost_of(scenario, os.cpu_count() or 1)
     hint = better_sampler(scenario)
-    return CommandResult([*variables, *cost.lines, *([hint] if hint else [])], None, cost.status)
+    end = "" if cost.status else f"no mistakes; start the study with: learn run {options.scenario}"
+    return CommandResult([*variables, *cost.lines, *filter(None, (hint, end))], None, cost.status)
 
 
 def _changed(scenario: Scenario, options: argparse.Namespace) -> Scenario:

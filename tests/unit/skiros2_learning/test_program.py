@@ -76,7 +76,8 @@ def test_a_study_is_validated_later_and_applied_only_then(
 def test_check_says_how_long_the_study_will_take(file: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", file]) == 0
     assert re.search(
-        r"x: 0 to 1\nat most 24 executions in the search and 100 in the validation, \S+ s each: about \d+ s with \d+ processes\n"
+        r"x: 0 to 1\nat most 24 executions in the search and 100 in the validation, "
+        r"\S+ s each: about \d+ s with \d+ processes\n"
         rf"no mistakes; start the study with: learn run {file}\n$",
         capsys.readouterr().out,
     )

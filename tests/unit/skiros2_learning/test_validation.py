@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ from skiros2_learning.core.validation import (
 )
 from skiros2_learning.core.workers import repeat_in_processes
 from support.learning_scenarios import scenario_text
-from support.learning_tasks import chance_rate
+from support.learning_tasks import chance_rate, parabola
 
 
 def searched(folder: Path, count: int = 15, seed: int = 3, execution: str = "chance", **sections: str) -> LearningStudy:
@@ -165,6 +166,18 @@ def test_objectives_decide_where_the_success_does_not(tmp_path: Path) -> None:
     assert found.advantage == "cost"
     cost = found.learned.objective("cost")
     assert cost.low <= (float(found.learned.configuration["x"]) - 0.3) ** 2 <= cost.high
+
+
+@pytest.mark.parametrize("settings", ["{defaults: {x: 0.0}}", "{}"])
+def test_a_configuration_that_has_never_succeeded_is_not_applied(tmp_path: Path, settings: str) -> None:
+    study = searched(tmp_path, 4, execution="parabola", settings=settings)
+    failing = repeat_here(lambda *given: replace(parabola(*given), succeeded=False, reason="failed"))
+    found = validate(study, failing)  # its cost is lower than that of the defaults
+    assert (found.learned.good, found.advantage, found.is_better) == (0, "", False)
+    assert found.verdict.startswith("chosen: the defaults" if found.defaults else "chosen: none; evaluation")
+    with pytest.raises(Refused, match="not better with confidence" if found.defaults else "has never succeeded"):
+        applicable(study)
+    applicable(study, found.learned.number, unvalidated=True)
 
 
 def test_a_broken_repetition_counts_as_failed_with_its_reason(tmp_path: Path) -> None:

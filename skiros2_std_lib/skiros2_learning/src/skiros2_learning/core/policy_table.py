@@ -74,13 +74,15 @@ def applicable_policy(folder: Path, unvalidated: bool = False) -> ValidatedPolic
     """Returns the policy to apply.
 
     :param unvalidated: whether to take one that is not better than the defaults.
-    :raises Refused: there is none, or it is not better than the defaults.
+    :raises Refused: there is none, it is not better than the defaults, or has never succeeded.
     """
     found = stored_policy(folder)
     if found is None:
         raise Refused(f"the variations in {folder} have no validated policy; run: learn validate {folder}")
     if not found.validation.is_better and not unvalidated:
-        text = f"{found.table.name} is not better with confidence than {DEFAULTS}, and is not applied"
+        comparison = f"is not better with confidence than {DEFAULTS}"
+        reason = "has never succeeded" if found.validation.defaults is None else comparison
+        text = f"{found.table.name} {reason}, and is not applied"
         raise Refused(f"{text}; --unvalidated applies it all the same")
     return found
 

@@ -150,8 +150,8 @@ class Validation:
 
     @property
     def is_better(self) -> bool:
-        """Whether the learned configuration may replace the defaults."""
-        return self.defaults is None or bool(self.advantage)
+        """Whether the learned configuration may be applied: it has succeeded, and is better than the defaults."""
+        return self.learned.good > 0 and (self.defaults is None or bool(self.advantage))
 
     @property
     def decided(self) -> Sample:
@@ -161,6 +161,8 @@ class Validation:
     @property
     def verdict(self) -> str:
         """The decision, for people."""
+        if self.defaults is None and not self.learned.good:
+            return f"chosen: none; {self.learned.name} has never succeeded, and the skill has no defaults"
         if self.defaults is None:
             return f"chosen: {self.learned.name}; the skill has no defaults to compare with"
         if self.advantage:
@@ -286,7 +288,7 @@ def applicable(
 
     :param number: of the evaluation; None for the one that was chosen.
     :param unvalidated: whether to take one that is not validated, or not better than the defaults.
-    :raises Refused: it is not validated, or not better than the defaults.
+    :raises Refused: it is not validated, not better than the defaults, or has never succeeded.
     :raises UnknownName: there is no such evaluation.
     """
     found, hint = stored_validation(study), "--unvalidated applies it all the same"
@@ -302,8 +304,11 @@ def applicable(
     if number not in (None, chosen):
         raise Refused(f"evaluation {number} is not validated; validated is {chosen}; {hint}")
     if not found.is_better and not unvalidated:
-        text = f"evaluation {chosen} ({share_text(found.learned)}) is not better with confidence than {DEFAULTS}"
-        raise Refused(f"{text} ({share_text(found.defaults or found.learned)}), and is not applied; {hint}")
+        text = f"evaluation {chosen} ({share_text(found.learned)})"
+        if found.defaults is None:
+            raise Refused(f"{text} has never succeeded, and is not applied; {hint}")
+        text += f" is not better with confidence than {DEFAULTS} ({share_text(found.defaults)})"
+        raise Refused(f"{text}, and is not applied; {hint}")
     return chosen, study.result(chosen), found.learned
 
 
@@ -361,8 +366,11 @@ def caution(objectives: Sequence[Objective], sample: Sample) -> tuple[float, ...
 def advantage_of(objectives: Sequence[Objective], learned: Sample, usual: Sample) -> str:
     """Returns the first of success and the objectives that differs with confidence, if the learned one is better in it.
 
-    The tests share the error: each has a part of it (Bonferroni).
+    A configuration that has never succeeded is not better. The tests share the error: each has a part of it
+    (Bonferroni).
     """
+    if not learned.good:
+        return ""
     level = 1.0 - (1.0 - LEVEL) / (1 + len(objectives))
     pairs = list(zip(learned.outcomes, usual.outcomes, strict=True))
     shares = [tuple(float(not isinstance(each, str) and each.is_success) for each in pair) for pair in pairs]

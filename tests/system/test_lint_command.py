@@ -41,7 +41,5 @@ def test_findings_as_json() -> None:
 
 def test_missing_package_is_a_usage_error() -> None:
     done = lint("nobodys_skills")
-    assert (done.stderr, done.returncode) == (
-        "lint: library 'nobodys_skills': there is no Python package of that name\n",
-        2,
-    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("lint: library 'nobodys_skills': there is no Python package of that name; near: ")

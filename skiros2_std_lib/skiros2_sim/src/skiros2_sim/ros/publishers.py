@@ -39,7 +39,8 @@ class SimulatedClock:
     def __init__(self, stepper: Stepper) -> None:
         self._stepper = stepper
         # latched for nodes that start while the world is paused
-        self._topic = rospy.Publisher("/clock", Clock, queue_size=10, latch=True)
+        # A full queue drops its oldest message: the time would jump for all nodes.
+        self._topic = rospy.Publisher("/clock", Clock, queue_size=2 * _CLOCK, latch=True)
         self._is_used = not rospy.rostime.is_wallclock()
         if self._is_used:
             # its own messages would wake two threads in this node, for which the stepping thread waits

@@ -151,7 +151,7 @@ def draw(history: Sequence[Kept], target: Path) -> None:
             va="center",
             arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.5, "shrinkA": 0.0, "relpos": (0.0, 0.5)},
         )
-    figure.savefig(target, dpi=figure.dpi)
+    figure.savefig(target, dpi=figure.dpi, bbox_inches="tight")  # as wide as the longest name
     plt.close(figure)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.image import imread
 from matplotlib.text import Text
 from PIL import Image
 
@@ -50,7 +51,7 @@ def test_figures_with_the_same_name_and_different_peers_have_a_row_each(tmp_path
 def test_names_in_the_picture_do_not_overlap(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ratios: list[float]
 ) -> None:
-    names = [f"figure {number}" for number in range(len(ratios))]
+    names = [f"figure {number} of a part with a long name, {'beside a peer, ' * 5}" for number in range(len(ratios))]
     drawn: list[Figure] = []
     monkeypatch.setattr("matplotlib.pyplot.close", drawn.append)
     keep(tmp_path / "h", tmp_path, "aaaa", 0.1, [figure(name, 1.0) for name in names])
@@ -62,6 +63,8 @@ def test_names_in_the_picture_do_not_overlap(
     assert len(boxes) == len(names)
     assert all(axes.get_window_extent().y0 < box.y0 and box.y1 < axes.get_window_extent().y1 for box in boxes)
     assert not [1 for one, other in itertools.combinations(boxes, 2) if one.overlaps(other)]
+    [picture] = tmp_path.glob("**/*.png")
+    assert imread(picture).shape[1] > max(box.x1 for box in boxes) - axes.get_tightbbox().x0  # no name is cut
 
 
 def test_parts_that_are_measured_later_are_added_to_their_commit(tmp_path: Path) -> None:

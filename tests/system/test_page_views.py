@@ -255,6 +255,7 @@ def test_signals_are_those_of_the_selected_robot(open_page: Any) -> None:
 def test_focus_stays_in_an_open_dialog_beside_stop_and_escape_closes_it(open_page: Any) -> None:
     page = open_page("operate")
     page.click("#new-job")
+    playwright.expect(page.locator("dialog[open]")).to_have_count(1)
     for _ in range(20):
         page.keyboard.press("Tab")
         assert page.evaluate("document.activeElement.matches('body, #stop-all, dialog *')")

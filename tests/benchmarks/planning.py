@@ -91,7 +91,7 @@ def _writing(processes: EngineProcesses, folder: Path) -> Iterator[Measurement]:
 
 
 def _makespans(processes: EngineProcesses, size: tuple[int, int, int]) -> Iterator[Measurement]:
-    """How long the best plan takes with all robots at work, beside other engines' plans, dealt out likewise."""
+    """How long the best plan takes with all robots at work, beside other engines' plans, dealt out in the same way."""
     world = transport_world(*size)
     durations = Durations()
     for action in TaskPlanner(world.wm, planner_named(processes), Limits()).read_task(_goal(world)).actions:

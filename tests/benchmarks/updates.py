@@ -51,7 +51,7 @@ def measure(ros: Ros, folder: Path) -> Iterator[Measurement]:
         sizes = _messages(element)
         for what, peer, target in (
             ("a bare rospy service, same sizes, new connections", _echo(bare, *sizes), 0.5),
-            ("the limit: likewise, the connection kept", _echo(kept, *sizes), None),
+            ("the limit: the same, the connection kept", _echo(kept, *sizes), None),
         ):
             yield paired(
                 f"update of a property, {size} elements, journal on",

@@ -9,6 +9,7 @@ import signal
 import subprocess
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
@@ -71,39 +72,40 @@ def test_end_of_a_job_while_the_gateway_is_dead_is_counted_and_published(
 
 
 def test_task_of_a_robot_that_was_silent_counts_as_what_it_ends_as(cell: JobCell) -> None:
-    before, released, robot = _counters(cell), cell.folder / "released", cell.ros.master.node_pid(ROBOT)
-    released.unlink(missing_ok=True)
-    assert cell.rest.post("/api/jobs", cell.order("silent", 2))[0] == 201
-    wait_until(lambda: _robot(cell)["state"] == "busy", what="the task")
-    os.kill(robot, signal.SIGSTOP)
-    try:
-        wait_until(lambda: _robot(cell)["state"] == "disconnected", what="the silence")
+    before = _counters(cell)
+    with _silent_robot(cell, "silent", 2):
         lost = _counters(cell)
-    finally:
-        os.kill(robot, signal.SIGCONT)
     assert lost == before + Counter(failed=1)
     wait_until(lambda: _robot(cell)["state"] == "busy", what="the task")
     assert _counters(cell) == before
-    released.write_text("")
+    (cell.folder / "released").write_text("")
     assert cell.wait_for(["silent"])["silent"]["response"]["outcome"] == "succeeded"
     wait_until(lambda: _robot(cell)["state"] == "idle", what="the end")
     assert _counters(cell) == before + Counter(succeeded=1)
 
 
 def test_task_that_ends_before_its_silent_robot_is_there_again_counts_as_what_it_ended_as(cell: JobCell) -> None:
-    before, released, robot = _counters(cell), cell.folder / "released", cell.ros.master.node_pid(ROBOT)
-    released.unlink(missing_ok=True)
-    assert cell.rest.post("/api/jobs", cell.order("unseen", 3))[0] == 201
+    before = _counters(cell)
+    with _silent_robot(cell, "unseen", 3):
+        assert _counters(cell) == before + Counter(failed=1)
+        (cell.folder / "released").write_text("")
+    assert cell.wait_for(["unseen"])["unseen"]["response"]["outcome"] == "succeeded"
+    wait_until(lambda: _counters(cell) == before + Counter(succeeded=1), what="the end")
+
+
+@contextmanager
+def _silent_robot(cell: JobCell, job: str, product: int) -> Iterator[None]:
+    """A robot that is stopped during the task of a job, and counts as disconnected."""
+    (cell.folder / "released").unlink(missing_ok=True)
+    robot = cell.ros.master.node_pid(ROBOT)
+    assert cell.rest.post("/api/jobs", cell.order(job, product))[0] == 201
     wait_until(lambda: _robot(cell)["state"] == "busy", what="the task")
     os.kill(robot, signal.SIGSTOP)
     try:
         wait_until(lambda: _robot(cell)["state"] == "disconnected", what="the silence")
-        assert _counters(cell) == before + Counter(failed=1)
-        released.write_text("")
+        yield
     finally:
         os.kill(robot, signal.SIGCONT)
-    assert cell.wait_for(["unseen"])["unseen"]["response"]["outcome"] == "succeeded"
-    wait_until(lambda: _counters(cell) == before + Counter(succeeded=1), what="the end")
 
 
 def _robot(cell: JobCell) -> Any:

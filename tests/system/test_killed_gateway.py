@@ -1,15 +1,12 @@
-"""A job that ends while the gateway is dead, or whose robot is silent: all interfaces and figures have its end."""
+"""A job that ends while the gateway is dead: all interfaces and figures have its end."""
 
 from __future__ import annotations
 
 import asyncio
 import json
-import os
-import signal
 import subprocess
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import pytest
@@ -18,7 +15,7 @@ from skiros2_factory_demo.mes import OpcuaChannel
 from skiros2_gateway.opcua.model import NAMESPACE
 from skiros2_msgs import msg as msgs
 from support.broker import broker, needs_broker
-from support.job_cell import ROBOT, TOKENS, JobCell, job_cell
+from support.job_cell import TOKENS, JobCell, job_cell
 from support.programs import PATIENCE, ProcessId
 from support.ros import RosMaster, wait_until
 
@@ -71,49 +68,8 @@ def test_end_of_a_job_while_the_gateway_is_dead_is_counted_and_published(
     assert {"outcome": outcome, "jobs": 1} in cell.rest.get("/api/figures")["jobs"]
 
 
-def test_task_of_a_robot_that_was_silent_counts_as_what_it_ends_as(cell: JobCell) -> None:
-    before = _counters(cell)
-    with _silent_robot(cell, "silent", 2):
-        lost = _counters(cell)
-    assert lost == before + Counter(failed=1)
-    wait_until(lambda: _robot(cell)["state"] == "busy", what="the task")
-    assert _counters(cell) == before
-    (cell.folder / "released").write_text("")
-    assert cell.wait_for(["silent"])["silent"]["response"]["outcome"] == "succeeded"
-    wait_until(lambda: _robot(cell)["state"] == "idle", what="the end")
-    assert _counters(cell) == before + Counter(succeeded=1)
-
-
-def test_task_that_ends_before_its_silent_robot_is_there_again_counts_as_what_it_ended_as(cell: JobCell) -> None:
-    before = _counters(cell)
-    with _silent_robot(cell, "unseen", 3):
-        assert _counters(cell) == before + Counter(failed=1)
-        (cell.folder / "released").write_text("")
-    assert cell.wait_for(["unseen"])["unseen"]["response"]["outcome"] == "succeeded"
-    wait_until(lambda: _counters(cell) == before + Counter(succeeded=1), what="the end")
-
-
-@contextmanager
-def _silent_robot(cell: JobCell, job: str, product: int) -> Iterator[None]:
-    """A robot that is stopped during the task of a job, and counts as disconnected."""
-    (cell.folder / "released").unlink(missing_ok=True)
-    robot = cell.ros.master.node_pid(ROBOT)
-    assert cell.rest.post("/api/jobs", cell.order(job, product))[0] == 201
-    wait_until(lambda: _robot(cell)["state"] == "busy", what="the task")
-    os.kill(robot, signal.SIGSTOP)
-    try:
-        wait_until(lambda: _robot(cell)["state"] == "disconnected", what="the silence")
-        yield
-    finally:
-        os.kill(robot, signal.SIGCONT)
-
-
-def _robot(cell: JobCell) -> Any:
-    return cell.rest.get("/api/state")["robots"][0]
-
-
 def _counters(cell: JobCell) -> Counter[str]:
-    found = _robot(cell)["counters"]
+    found = cell.rest.get("/api/state")["robots"][0]["counters"]
     return Counter({name: found[name] for name in ("succeeded", "failed")})
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Callable, Collection
 from contextlib import suppress
+from uuid import uuid4
 
 import rospy
 
@@ -15,6 +17,7 @@ from skiros2_common.core.explanation import Explanation, cause_of
 from skiros2_common.core.manager_names import matching_name
 from skiros2_common.core.params import ParamHandler
 from skiros2_msgs.msg import SkillProgress
+from skiros2_skill.client.manager import ManagerClient
 from skiros2_skill.client.port import explain
 from skiros2_skill.client.skill_goal import SkillGoal
 from skiros2_skill.ros.registration import ROBOT_PARAMETER
@@ -34,10 +37,15 @@ _MANAGER_TIMEOUT = 5.0
 #: How long to wait for such managers before planning (s): two discovery periods.
 _DISCOVERY_TIMEOUT = 2.0
 _POLL_PERIOD = 0.2  # s
+#: How often a step that does not stop is reported (s).
+_REPORT_PERIOD = 10.0
 
 
 class ManagerStepRunner(SkillLayerInterface):
     """Discovers skill managers, runs steps on them, and reports when managers appear and disappear.
+
+    Steps of a manager that disappears count as failed. If it was only silent, they still run when it answers again:
+    they are stopped before it counts as running, so that no step of a new plan runs beside them.
 
     :param author: the author of the tasks, in the managers' logs.
     :param durations: records the durations of successful steps.
@@ -48,6 +56,9 @@ class ManagerStepRunner(SkillLayerInterface):
         self._callbacks: tuple[Callable[[str], None], Callable[[str], None]] | None = None
         self._discovered = threading.Condition()
         self._absent: set[str] = set()  # names of managers that were not discovered in time
+        #: The ids of the runs whose end is unknown, by manager. Each change is one call, so without a lock.
+        self._runs: defaultdict[str, set[str]] = defaultdict(set)
+        self._returning: dict[str, ManagerClient] = {}  # of managers that still run such steps
         super().__init__(author)
 
     def subscribe(self, on_found: Callable[[str], None], on_lost: Callable[[str], None]) -> None:
@@ -102,7 +113,12 @@ class ManagerStepRunner(SkillLayerInterface):
         try:
             manager = self._find(run.step.call.manager)
             skill = skill_holder(run.step.call, self.offered)
-            seconds = run.execute(manager, skill, lambda: self.agents.get(manager.name) is manager)
+            self._runs[manager.name].add(run.id)
+            try:
+                seconds = run.execute(manager, skill, lambda: self.agents.get(manager.name) is manager)
+            finally:
+                if not run.may_run:
+                    self._runs[manager.name].discard(run.id)
             if seconds is not None:
                 self._durations.record(run.step.skill, manager.name, seconds)
         except SkirosError as error:
@@ -128,11 +144,15 @@ class ManagerStepRunner(SkillLayerInterface):
         known(is_known)
         if not is_known:
             return
+        self._runs[manager.name].add(run.id)
         try:
             run.follow(manager, lambda: self.agents.get(manager.name) is manager)
         except SkirosError as error:
             run.abandon()
             run.ended(False, str(error), ())
+        finally:
+            if not run.may_run:
+                self._runs[manager.name].discard(run.id)
 
     def _find(self, manager: str, timeout: float = _MANAGER_TIMEOUT) -> SkillManagerInterface:
         """Returns the client of a manager, waiting for one that is not discovered yet.
@@ -146,6 +166,23 @@ class ManagerStepRunner(SkillLayerInterface):
     # -- called by ROS threads ---------------------------------------------------------------------------------
 
     def _on_agent(self, name: str) -> None:
+        left = self._runs[name].copy()
+        if left:
+            self._returning[name] = client = ManagerClient(name, self._author)
+            threading.Thread(target=self._stop_steps, args=(client, left), name=f"steps of {name}", daemon=True).start()
+        else:
+            self._add(name)
+
+    def _on_agent_gone(self, name: str) -> None:
+        client = self._returning.pop(name, None)
+        if client is not None:
+            client.close()
+            return
+        super()._on_agent_gone(name)
+        if self._callbacks is not None:
+            self._callbacks[1](name)
+
+    def _add(self, name: str) -> None:
         super()._on_agent(name)
         with self._discovered:
             self._absent.clear()
@@ -153,10 +190,32 @@ class ManagerStepRunner(SkillLayerInterface):
         if self._callbacks is not None:
             self._callbacks[0](name)
 
-    def _on_agent_gone(self, name: str) -> None:
-        super()._on_agent_gone(name)
-        if self._callbacks is not None:
-            self._callbacks[1](name)
+    # -- a thread of a manager that has returned ---------------------------------------------------------------
+
+    def _stop_steps(self, manager: ManagerClient, runs: set[str]) -> None:
+        for run in runs:
+            while self._returning.get(manager.name) is manager:
+                try:
+                    _stop_step(manager, run)
+                    break
+                except (SkirosError, rospy.ROSException) as error:  # the latter: its connections are closed
+                    log.warning("%s may still run a step from before it was silent: %s", manager.name, error)
+        with self._discovery_lock:
+            if self._returning.get(manager.name) is manager:
+                del self._returning[manager.name]
+                manager.close()
+                self._runs[manager.name] -= runs
+                self._add(manager.name)
+
+
+def _stop_step(manager: ManagerClient, run_id: str) -> None:
+    """Stops a step, and waits for its end. Nothing happens if the manager does not know it: it was restarted."""
+    run = manager.attach(run_id)
+    if run.wait_until_known() and not run.done:
+        log.warning("%s was silent, and still runs a step: it is stopped", manager.name)
+        run.cancel()
+        while not run.wait(_REPORT_PERIOD):
+            log.warning("%s gets no further steps: a step from before it was silent does not end", manager.name)
 
 
 def _robot_of(manager: str) -> str:
@@ -172,14 +231,20 @@ def _robot_of(manager: str) -> str:
 class _StepRun:
     """A run of a step on a manager. `stop` may be called by any thread, also before the run."""
 
-    def __init__(self, step: Step, ended: Ended, goal_id: str, began: Began | None, goal: str = "") -> None:
+    def __init__(self, step: Step, ended: Ended, run_id: str, began: Began | None, goal: str = "") -> None:
         self.step = step
         self.ended = ended
+        self.id = run_id or uuid4().hex
         self._began = began
-        self._goal_id, self._goal = goal_id, goal
+        self._goal = goal
         self._lock = threading.Lock()
         self._run: SkillGoal | None = None
         self._stopped = False
+
+    @property
+    def may_run(self) -> bool:
+        """Whether it was sent, and its end is unknown."""
+        return self._run is not None and not self._run.done
 
     def stop(self) -> None:
         with self._lock:
@@ -204,7 +269,7 @@ class _StepRun:
             if self._stopped:
                 raise Refused("stopped before it was started")
         note = lambda feedback: self._report(feedback.task_id)  # noqa: E731
-        self._set(manager.run([skill], note, goal_id=self._goal_id, goal=self._goal))
+        self._set(manager.run([skill], note, goal_id=self.id, goal=self._goal))
         return time.monotonic() - started if self.follow(manager, is_alive) else None
 
     def attach(self, manager: SkillManagerInterface) -> bool:
@@ -212,7 +277,7 @@ class _StepRun:
 
         :raises TimedOut: the manager does not answer.
         """
-        run = manager.attach(self._goal_id)
+        run = manager.attach(self.id)
         is_known = run.wait_until_known(_MANAGER_TIMEOUT)
         if is_known:
             self._set(run)

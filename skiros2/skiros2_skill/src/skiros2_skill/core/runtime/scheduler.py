@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection
 from skiros2_common.core.errors import Refused, RobotStopped, UnknownName
 from skiros2_common.core.operations import Change
 from skiros2_common.core.signals import SignalSource
-from skiros2_common.core.world_model_port import WorldModelPort
+from skiros2_common.core.world_model_port import WorldModelPort, changed_ids
 from skiros2_runs.core.task_run import KEEP_ALIVE
 from skiros2_skill.core.engine.breakpoints import Breakpoints
 from skiros2_skill.core.runtime.task import MAX_ID, Task
@@ -233,13 +233,13 @@ class Scheduler:
         reached = self.breakpoints.at_change(change) if self.breakpoints else ""
         with self._lock:
             # A task that makes the change in a tick notices it itself.
-            running = [
-                s.task for s in self._scheduled.values() if s.task.wants_tick and not self._watchdog.is_ticking(s)
-            ]
+            own = self._watchdog.ticked_by_caller()
+            running = [s.task for s in self._scheduled.values() if s is not own and s.task.wants_tick]
+        changed = changed_ids(change)
         for task in running:
             if reached:
                 task.pause(reached)
-            if not task.is_current and task.is_affected_by(change):
+            if not task.is_current and task.is_affected_by(changed):
                 self._wake(task)
 
     def _wake(self, task: Task) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 
 from skiros2_common.core.abstract_skill import State
@@ -13,10 +13,9 @@ from skiros2_common.core.errors import FOREIGN_ERRORS, RobotStopped
 from skiros2_common.core.explanation import EXCEPTION, PREEMPT, STOP, Explanation
 from skiros2_common.core.failure_kind import FailureKind
 from skiros2_common.core.names import local_name
-from skiros2_common.core.operations import Change
 from skiros2_common.core.params import Param
 from skiros2_common.core.signals import SignalSource
-from skiros2_common.core.world_model_port import WorldModelPort, changed_ids
+from skiros2_common.core.world_model_port import WorldModelPort
 from skiros2_runs.core.states import TaskState
 from skiros2_skill.core.engine.breakpoints import BreakpointReached, Breakpoints
 from skiros2_skill.core.engine.devices import free_devices
@@ -194,13 +193,14 @@ class Task:
         """Whether the world model has not changed since the task's last refresh."""
         return self._executor.parameters.is_current
 
-    def is_affected_by(self, change: Change) -> bool:
+    def is_affected_by(self, changed: Collection[str]) -> bool:
         """Whether a change of the world model may change a hold-condition of a running node. Any thread.
+
+        :param changed: see `changed_ids`.
 
         While another thread ticks the task, an outdated answer costs a superfluous tick, or delays one to the next
         period.
         """
-        changed = changed_ids(change)
         runs = self._executor.runs.copy().values()  # in one step, while another thread may change it
         return any(condition.affected_by(changed, run.params) for run in runs for condition in run.hold_conditions)
 

@@ -249,11 +249,11 @@ class Watchdog:
         self._timeout = min(self._timeout, timeout)
         self._hook_timeout = min(self._hook_timeout, timeout)
 
-    def is_ticking(self, scheduled: ScheduledTask | None = None) -> bool:
-        """Whether the calling thread is ticking the task, or any task."""
+    def ticked_by_caller(self) -> ScheduledTask | None:
+        """The task that the calling thread is ticking."""
         thread = threading.current_thread()
-        ticks = [worker.current for worker in self._workers if worker.thread is thread]
-        return any(tick is not None and scheduled in (None, tick.scheduled) for tick in ticks)
+        ticks = (worker.current for worker in self._workers if worker.thread is thread)
+        return next((tick.scheduled for tick in ticks if tick is not None), None)
 
     def is_ticked(self, scheduled: ScheduledTask) -> bool:
         """Whether a tick of the task is in progress."""
@@ -281,7 +281,7 @@ class Watchdog:
         :param seconds: maximum time to wait.
         """
         with self._lock:
-            if not self.is_ticking():
+            if self.ticked_by_caller() is None:
                 self._lock.wait_for(lambda: not any(worker.tasks for worker in self._workers), seconds)
             for worker in self._workers:
                 worker.stopping = True

@@ -1,9 +1,10 @@
 """Fleets of 1, 5 and 20 robots with 20 tasks each on one world model of 10 000 elements.
 
-All in one process: 20 managers as nodes do not fit on two cores. Each robot has a client and a scheduler of its own, as
-its node has. What a robot costs must not depend on the number of the others; that is CPU time, without the thread that
-makes the changes. The delay is from before the call that changes an element to the `execute` that sees it; here all
-robots share one interpreter lock, as nodes do not, and a loaded machine lengthens it: compare it on a quiet one only.
+All in one process: 20 managers as nodes do not fit on two cores (`fleet_nodes` has five). Each robot has a client and a
+scheduler of its own, as its node has. What a robot costs must not depend on the number of the others; that is CPU time,
+without the thread that makes the changes. The delay is from before the call that changes an element to the `execute`
+that sees it; here all robots share one interpreter lock, as nodes do not, and a loaded machine lengthens it: compare it
+on a quiet one only.
 """
 
 from __future__ import annotations

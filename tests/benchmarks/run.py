@@ -28,8 +28,8 @@ NOTHING, FOLDER, NODE = "nothing", "a folder", "a master and a folder"
 PARTS = {
     "launch": FOLDER, "ticks": NOTHING, "inference": NOTHING, "skills": NODE, "services": NODE, "updates": NODE,
     "tf": NODE, "planning": FOLDER, "schedules": NOTHING, "replanning": NOTHING, "world_model": FOLDER,
-    "journal": FOLDER, "weeks": FOLDER, "size": FOLDER, "fleet": NOTHING, "simulation": NODE, "contact": NODE,
-    "use_case": FOLDER, "bags": FOLDER, "window": NODE,
+    "journal": FOLDER, "weeks": FOLDER, "size": FOLDER, "fleet": NOTHING, "fleet_nodes": NODE, "simulation": NODE,
+    "contact": NODE, "use_case": FOLDER, "bags": FOLDER, "window": NODE,
 }  # fmt: skip
 
 

@@ -195,14 +195,8 @@ class _Manager:
         self.pid = ros.master.node_pid(ROBOT)
         self._names = itertools.count()
 
-    def request(self, stype: str, **params: object) -> srvs.SkillCommandRequest:
-        """The request that starts a skill."""
-        handler = {key: Param(key, "", value, ParamTypes.Required) for key, value in params.items()}
-        skill = msgs.ResourceDescription(stype, "", serializeParamMap(handler))
-        return srvs.SkillCommandRequest("bench", srvs.SkillCommandRequest.START, -1, [skill])
-
     def start(self, stype: str, **params: object) -> int:
-        return int(self.command(self.request(stype, **params)).execution_id)
+        return int(self.command(start_request(stype, **params)).execution_id)
 
     def preempt(self, task: int) -> None:
         self.command(srvs.SkillCommandRequest("bench", srvs.SkillCommandRequest.PREEMPT, task, []))
@@ -211,10 +205,17 @@ class _Manager:
         return f"task-{next(self._names)}"
 
 
+def start_request(stype: str, **params: object) -> srvs.SkillCommandRequest:
+    """The request that starts a skill."""
+    handler = {key: Param(key, "", value, ParamTypes.Required) for key, value in params.items()}
+    skill = msgs.ResourceDescription(stype, "", serializeParamMap(handler))
+    return srvs.SkillCommandRequest("bench", srvs.SkillCommandRequest.START, -1, [skill])
+
+
 def measure(ros: Ros, folder: Path) -> Iterator[Measurement]:
     manager = _Manager(ros, folder)
     bare = _bare_service(ros, folder)
-    request = manager.request("BenchOnce", Name=manager.new_name())
+    request = start_request("BenchOnce", Name=manager.new_name())
     call = _echo(bare, _size(request), _size(srvs.SkillCommandResponse()))
 
     def peer() -> float:
@@ -247,7 +248,7 @@ def measure(ros: Ros, folder: Path) -> Iterator[Measurement]:
 def _start(manager: _Manager) -> float:
     """From a command to the skill's first `execute` (s)."""
     name = manager.new_name()
-    request = manager.request("BenchOnce", Name=name)
+    request = start_request("BenchOnce", Name=name)
     begin = time.monotonic()
     manager.command(request)
     return manager.ear.wait_for("first", name) - begin

@@ -17,6 +17,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from benchmarks.fleet import ELEMENTS, FLAT, LONGEST_DELAY, TASKS, TIMEOUT, product
 from benchmarks.measurement import Measurement, cpu_seconds
 from benchmarks.skills import start_request
 from skiros2_common.core.world_element import Element
@@ -25,18 +26,10 @@ from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.ros import Ros
 
 ROBOTS = 5
-TASKS = 20
-ELEMENTS = 10_000
 #: The changes of the objects of each robot (1/s), and their number.
 RATE, CHANGES = 5.0, 75
 #: The duration of updates one after the other (s).
 SECONDS = 3.0
-#: For the last change to be seen (s).
-TIMEOUT = 30.0
-#: What a robot may cost among five, beside one robot.
-FLAT = 1.2
-#: From a change to its tick (ms), as for one manager in `skills`.
-LONGEST_DELAY = 10.0
 
 SOCKET = "SKIROS_BENCH_SOCKET"
 LIBRARY = f'''"""A skill that reports each new weight of its object, with the time, in a datagram."""
@@ -114,8 +107,8 @@ class Fleet:
         ros.service("/wm/get", srvs.WmGet)
         self.wmi = WorldModelInterface("bench")
         for start in range(0, ELEMENTS, 1000):
-            self.wmi.add_elements([_product(str(number)) for number in range(start, start + 1000)])
-        self.other = _product("seen by no task")
+            self.wmi.add_elements([product(str(number)) for number in range(start, start + 1000)])
+        self.other = product("seen by no task")
         self.wmi.add_element(self.other)
         self._weights = (number * 1e-6 for number in itertools.count(1))
         self.objects: list[list[Element]] = []
@@ -128,7 +121,7 @@ class Fleet:
         params = {"libraries_list": ["skiros2_bench_fleet"], "primitive_list": ["bench_watch"], "skill_list": []}
         self._ros.run("skiros2_skill", "skill_manager_node", name=name[1:], params=params, env=self._env)
         command = self._ros.service(f"{name}/command", srvs.SkillCommand)
-        objects = [_product(f"{name} {number}") for number in range(TASKS)]
+        objects = [product(f"{name} {number}") for number in range(TASKS)]
         self.wmi.add_elements(objects)
         for thing in objects:
             command(start_request("BenchWatch", Object=thing))
@@ -197,10 +190,3 @@ def _time_for_an_update(fleet: Fleet) -> float:
         fleet.change(fleet.other)
         count += 1
     return 1e3 * (time.monotonic() - begin) / count
-
-
-def _product(label: str) -> Element:
-    element = Element("skiros:Product", label)
-    element.setProperty("skiros:Weight", 0.0)
-    element.addRelation("skiros:Scene-0", "skiros:contain", "-1")
-    return element

@@ -4,8 +4,8 @@ All in one process: 20 managers as nodes do not fit on two cores (`fleet_nodes` 
 scheduler of its own, as its node has. What a robot costs must not depend on the number of the others; that is CPU time,
 without the thread that makes the changes. The delay is from before the call that changes an element to the `execute`
 that sees it. All robots share one interpreter lock here, as nodes do not: a thread that holds it while another process
-has its core keeps all of them waiting, ten times as long as they wait for each other. So this process has real-time
-priority, if it may; if not (it needs root), compare the delay on a quiet machine only.
+has its core keeps all of them waiting, ten times as long as they wait for each other. So this process has the highest
+priority of ordinary processes, if it may; if not (it needs root), compare the delay on a quiet machine only.
 """
 
 from __future__ import annotations
@@ -45,6 +45,8 @@ RATE = 5.0
 FLAT = 1.2
 #: From a change to its tick (ms), as for one manager in `skills`.
 LONGEST_DELAY = 10.0
+#: As for `nice`: other processes still get a share, even if this one should use all cores.
+HIGHEST_PRIORITY = -20
 
 #: When each weight was about to be written (s, monotonic), and the delays until a skill saw it.
 _written: dict[float, float] = {}
@@ -96,7 +98,7 @@ class Robot:
 def measure() -> Iterator[Measurement]:
     logging.disable(logging.WARNING)
     try:
-        with _real_time():
+        with _priority():
             found = {robots: _fleet(robots) for robots in FLEETS}
     finally:
         logging.disable(logging.NOTSET)
@@ -113,16 +115,17 @@ def measure() -> Iterator[Measurement]:
 
 
 @contextmanager
-def _real_time() -> Iterator[None]:
+def _priority() -> Iterator[None]:
     """Gives this thread, and the threads that it starts, priority over other processes, if that is allowed."""
+    before = os.getpriority(os.PRIO_PROCESS, 0)
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+        os.setpriority(os.PRIO_PROCESS, 0, HIGHEST_PRIORITY)
     except PermissionError:
-        print("    fleet: no real-time priority, the delays depend on other processes", file=sys.stderr)
+        print("    fleet: no higher priority, the delays depend on other processes", file=sys.stderr)
     try:
         yield
     finally:
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        os.setpriority(os.PRIO_PROCESS, 0, before)
 
 
 def _fleet(number: int) -> tuple[float, float, float]:

@@ -1,6 +1,7 @@
-"""Random kills of all nodes lose no acknowledged change and no goal, and nothing is done twice.
+"""Random kills and silences of all nodes lose no acknowledged change and no goal, and nothing is done twice.
 
-`KILLS`, `GOALS` and `JOBS` in the environment set how many; `KILLS=12 GOALS=8 JOBS=6` takes about a minute.
+`KILLS`, `SILENCES`, `GOALS` and `JOBS` in the environment set how many; `KILLS=12 SILENCES=4 GOALS=8 JOBS=6` takes about
+a minute. A silent node is one that is stopped for seconds and then continues, as one behind a radio network.
 """
 
 from __future__ import annotations
@@ -26,7 +27,11 @@ from support.ros import Ros, wait_until
 
 pytestmark = pytest.mark.long
 
-KILLS, GOALS, JOBS = (int(os.environ.get(*each)) for each in (("KILLS", "300"), ("GOALS", "200"), ("JOBS", "100")))
+KILLS, SILENCES, GOALS, JOBS = (
+    int(os.environ.get(*each)) for each in (("KILLS", "300"), ("SILENCES", "60"), ("GOALS", "200"), ("JOBS", "100"))
+)
+#: How long a node is silent (s): robots count as lost after 2 s, connections after 5 s.
+SILENCE = 0.5, 8.0
 NODES = ("/wm", "/tm", "/gateway", ROBOT)
 POLICIES = ("", "continue", "ask", "abort")
 #: Goals and jobs under way at once.
@@ -168,31 +173,36 @@ def place_of(wm: WorldModelInterface, product: str) -> str:
     return str(relation["src"])
 
 
-def test_kills_lose_nothing_and_nothing_is_done_twice(ros: Ros, tmp_path: Path) -> None:
+def test_faults_lose_nothing_and_nothing_is_done_twice(ros: Ros, tmp_path: Path) -> None:
     seed = int(os.environ.get("SEED", random.randrange(1 << 32)))
     chance = random.Random(seed)
     cell = JobCell(ros, tmp_path, products=0, skill="carry_once")
     goals = Goals()
     names = [f"goal-{k}" for k in range(GOALS)], [f"job-{k}" for k in range(JOBS)]
     clients = [Client(cell, goals, kind[k::AT_ONCE]) for kind in names for k in range(AT_ONCE)]
-    killed: Counter[str] = Counter()
+    faults = ["kill"] * KILLS + ["silence"] * SILENCES
+    chance.shuffle(faults)
+    done: Counter[str] = Counter()
     begin = time.monotonic()
     for client in clients:
         client.start()
     total = GOALS + JOBS
-    for k in range(KILLS):
-        due = k * total // KILLS
-        wait_until(lambda due=due: sum(c.ended for c in clients) >= due, PATIENCE, f"{due} ends before the next kill")
-        time.sleep(chance.uniform(0.0, 0.7))  # the moment of the kill
-        nodes = NODES if chance.random() < 0.1 else (NODES[k % len(NODES)],)
-        cell.kill(*nodes)
-        killed["all" if len(nodes) > 1 else nodes[0]] += 1
+    for k, fault in enumerate(faults):
+        due = k * total // len(faults)
+        wait_until(lambda due=due: sum(c.ended for c in clients) >= due, PATIENCE, f"{due} ends before the next fault")
+        time.sleep(chance.uniform(0.0, 0.7))  # the moment of the fault
+        nodes = NODES if chance.random() < 0.1 else (chance.choice(NODES),)
+        if fault == "kill":
+            cell.kill(*nodes)
+        else:
+            cell.silence(chance.uniform(*SILENCE), *nodes)
+        done[f"{fault} of {'all' if len(nodes) > 1 else nodes[0]}"] += 1
     for client in clients:
         client.join(PATIENCE)
     goals.close()
     outcomes = sum((client.outcomes for client in clients), Counter())
     wrong = [text for client in clients for text in client.wrong]
-    print(f"seed {seed}: {dict(killed)} in {time.monotonic() - begin:.0f} s, {dict(outcomes)}")
+    print(f"seed {seed}: {dict(done)} in {time.monotonic() - begin:.0f} s, {dict(outcomes)}")
     assert not any(client.is_alive() for client in clients)
     assert not wrong, "\n".join(wrong)
     assert outcomes.total() == total

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import http.client
 import json
+import os
+import signal
 import sys
+import time
 import urllib.error
 import urllib.request
 from collections import Counter
@@ -151,6 +154,17 @@ class JobCell:
     def kill(self, *nodes: str) -> None:
         """Kills nodes at once and starts them again. They may still be starting."""
         self.replace(*nodes, processes=[ProcessId(self._programs[node].pid) for node in nodes])
+
+    def silence(self, seconds: float, *nodes: str) -> None:
+        """Stops the processes of nodes for a time, then lets them continue."""
+        pids = [self._programs[node].pid for node in nodes]
+        for pid in pids:
+            os.kill(pid, signal.SIGSTOP)
+        try:
+            time.sleep(seconds)
+        finally:
+            for pid in pids:
+                os.kill(pid, signal.SIGCONT)
 
     def replace(self, *nodes: str, processes: Sequence[ProcessId]) -> None:
         """Kills the processes of nodes, and starts the nodes again."""

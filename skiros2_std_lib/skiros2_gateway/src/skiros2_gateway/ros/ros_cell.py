@@ -15,7 +15,7 @@ import rospy
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName, WrongValue
 from skiros2_common.core.manager_names import matching_name
 from skiros2_common.core.names import nearest
-from skiros2_gateway.core.cell import Collected, Ending, Goal, GoalListener, Progress
+from skiros2_gateway.core.cell import Collected, Goal, GoalListener, Progress
 from skiros2_gateway.core.change_words import entry_sentences
 from skiros2_gateway.core.connection import connect
 from skiros2_gateway.core.deadline import remaining
@@ -26,6 +26,7 @@ from skiros2_gateway.core.goal_form import GoalEdit, GoalForms
 from skiros2_gateway.core.problems import Problem
 from skiros2_gateway.core.work_masters import WorkMasters
 from skiros2_gateway.ros.blocking_calls import BlockingCalls
+from skiros2_gateway.ros.goal_starts import GoalStarts
 from skiros2_gateway.ros.goals import AchieveGoals, set_on_restart
 from skiros2_gateway.ros.queries import UserQueries
 from skiros2_gateway.ros.robot_stops import RobotStops
@@ -38,7 +39,7 @@ from skiros2_live.core.robots import DISCONNECTED, Robot, first_stop
 from skiros2_live.ros.managers import ManagerConnections
 from skiros2_live.ros.scene_feed import SceneFeed
 from skiros2_msgs import srv as srvs
-from skiros2_msgs.msg import AchieveResult, MakePlanResult
+from skiros2_msgs.msg import MakePlanResult
 from skiros2_skill.client.manager import ManagerClient
 from skiros2_task.core.goal_report import ASKING
 from skiros2_task.ros.achieve_action import INTERRUPT_PRIORITY
@@ -80,6 +81,7 @@ class RosCell:
         self.scene = SceneFeed(self.report)
         self.document.subscribe(RobotChanged, lambda change: self._on_robot(change.robot))
         self._goals = AchieveGoals(self._loop, _PausingListener(self, listener), self._apply, listener.cell_changed)
+        self._starts = GoalStarts(self._goals.send, listener, self.in_thread, self.plan)
         self._managers = ManagerConnections(rospy.get_name(), self.report)
         self._robots_of: dict[str, list[tuple[str, str]]] = {}  # (robot, skill) of each goal's running steps
         self._questions: dict[str, str] = {}  # of goals that ask how to continue after a restart; "": they do not
@@ -104,6 +106,7 @@ class RosCell:
     def close(self) -> None:
         """Closes all connections. Goals continue."""
         self._closed.set()
+        self._starts.close()
         self.scene.close()
         for task in self._tasks:
             task.cancel()
@@ -140,16 +143,14 @@ class RosCell:
         return problems + await self.in_thread(goal_problems, self._world_model, list(self.managers), goal, elements)
 
     def start(self, goal: Goal) -> None:
-        if goal.on_restart or (goal.robots and goal.plan is None):  # a given plan was checked before
-            self._spawn(self._start_restricted(goal))
-        else:
-            self._goals.send(goal)
+        self._starts.start(goal)
 
     def follow(self, goal: Goal) -> None:
         self._goals.follow(goal.id)
 
     def stop(self, goal_id: str) -> None:
-        self._goals.cancel(goal_id)
+        if not self._starts.stop(goal_id):
+            self._goals.cancel(goal_id)
 
     def pause(self, goal_id: str) -> None:
         self._paused.add(goal_id)
@@ -168,27 +169,6 @@ class RosCell:
         except SkirosError as error:
             log.error("resume job %s: %s", goal_id, error)
             self._report_stop(goal_id)
-
-    async def _start_restricted(self, goal: Goal) -> None:
-        """Sends a goal if its plan uses allowed robots only: the task manager has no such option."""
-        try:
-            if goal.on_restart:
-                await self.in_thread(set_on_restart, goal.id, goal.on_restart)
-            if not goal.robots or goal.plan is not None:
-                self._goals.send(goal)
-                return
-            plan = await self.plan(goal.text, goal.quality)
-        except Exception as error:
-            if not isinstance(error, SkirosError):
-                log.exception("planning job %s", goal.id)
-            self._listener.goal_ended(goal.id, Ending(AchieveResult.FAILED, f"planning: {error}"))
-            return
-        others = sorted({step["robot"] for step in plan["plan"]} - set(goal.robots))
-        if others:
-            text = f"the plan uses {', '.join(others)}, allowed are {', '.join(goal.robots)}"
-            self._listener.goal_ended(goal.id, Ending(AchieveResult.FAILED, text))
-        else:
-            self._goals.send(goal)
 
     def note_progress(self, goal_id: str, progress: Progress) -> None:
         """Notes which robots run steps of a goal; pauses new steps of a paused goal, and reports stops."""

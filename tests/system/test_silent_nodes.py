@@ -1,9 +1,10 @@
-"""A robot is silent for seconds, as in a gap of its radio network, while its skill manager continues."""
+"""A robot or the task manager is silent for seconds, as in a gap of a radio network, and continues."""
 
 from __future__ import annotations
 
 import os
 import signal
+import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,7 +24,7 @@ SKILL = "carry_when_released"
 
 @pytest.fixture(scope="module")
 def cell(ros_master: RosMaster, tmp_path_factory: pytest.TempPathFactory) -> Iterator[JobCell]:
-    with job_cell(ros_master, tmp_path_factory.mktemp("silent"), products=6, skill=SKILL) as made:
+    with job_cell(ros_master, tmp_path_factory.mktemp("silent"), products=5, skill=SKILL) as made:
         yield made
 
 
@@ -32,10 +33,10 @@ def nothing_is_released(cell: JobCell) -> None:
     (cell.folder / "released").unlink(missing_ok=True)
 
 
-def test_its_task_continues_and_counts_as_what_it_ends_as(cell: JobCell) -> None:
+def test_task_of_a_silent_robot_continues_and_counts_as_what_it_ends_as(cell: JobCell) -> None:
     before = _counters(cell)
     with _task(cell, 0):
-        with _silence(cell):
+        with _silent_robot(cell):
             assert _counters(cell) == before + Counter(failed=1)
         wait_until(lambda: _robot(cell)["state"] == "busy", what="the task")
         assert _counters(cell) == before
@@ -44,19 +45,19 @@ def test_its_task_continues_and_counts_as_what_it_ends_as(cell: JobCell) -> None
     assert _counters(cell) == before + Counter(succeeded=1)
 
 
-def test_its_task_that_ends_meanwhile_counts_as_what_it_ended_as(cell: JobCell) -> None:
+def test_task_that_ends_while_its_robot_is_silent_counts_as_what_it_ended_as(cell: JobCell) -> None:
     before = _counters(cell)
     with _task(cell, 1):
-        with _silence(cell):
+        with _silent_robot(cell):
             assert _counters(cell) == before + Counter(failed=1)
             _release(cell)
         wait_until(lambda: _counters(cell) == before + Counter(succeeded=1), what="the end")
 
 
-def test_step_of_a_job_is_stopped_before_the_next_plan_starts_one(cell: JobCell) -> None:
+def test_step_of_a_silent_robot_is_stopped_before_the_next_plan_starts_one(cell: JobCell) -> None:
     progress = cell.ros.messages(f"{ROBOT}/monitor", TreeProgress).connected()
     _start_job(cell, "replanned", 2)
-    with _silence(cell):
+    with _silent_robot(cell):
         wait_until(lambda: _steps(cell, "replanned") == ["failed"], what="a task manager that has noticed it")
     wait_until(lambda: _steps(cell, "replanned")[-1] == "running", what="the next step")
     _release(cell)
@@ -66,10 +67,10 @@ def test_step_of_a_job_is_stopped_before_the_next_plan_starts_one(cell: JobCell)
     assert _most_at_once(progress.all) == 1
 
 
-def test_step_of_a_job_that_is_aborted_meanwhile_is_stopped(cell: JobCell) -> None:
+def test_step_of_a_silent_robot_is_stopped_if_its_job_was_aborted_meanwhile(cell: JobCell) -> None:
     progress = cell.ros.messages(f"{ROBOT}/monitor", TreeProgress).connected()
     _start_job(cell, "aborted", 3)
-    with _silence(cell):
+    with _silent_robot(cell):
         wait_until(lambda: _steps(cell, "aborted") == ["failed"], what="a task manager that has noticed it")
         assert cell.rest.post("/api/jobs/aborted/abort", {})[0] == 200
         assert cell.wait_for(["aborted"])["aborted"]["state"] == "Aborted"
@@ -77,19 +78,34 @@ def test_step_of_a_job_that_is_aborted_meanwhile_is_stopped(cell: JobCell) -> No
     assert "preempted" in end.progress[0].params[0].param
 
 
-# -- the robot -------------------------------------------------------------------------------------------------------
+def test_job_with_a_restart_policy_waits_for_a_silent_task_manager(cell: JobCell) -> None:
+    _release(cell)
+    with _silent(cell, "/tm"):
+        order = cell.order("patient", 4) | {"on_restart": "continue"}
+        assert cell.rest.post("/api/jobs", order)[0] == 201
+        time.sleep(5.0)  # a service call is given up after 3 s
+    assert cell.wait_for(["patient"])["patient"]["response"]["outcome"] == "succeeded"
+
+
+# -- the cell --------------------------------------------------------------------------------------------------------
 
 
 @contextmanager
-def _silence(cell: JobCell) -> Iterator[None]:
-    """Its manager is stopped, and counts as disconnected."""
-    process = cell.ros.master.node_pid(ROBOT)
+def _silent(cell: JobCell, node: str) -> Iterator[None]:
+    process = cell.ros.master.node_pid(node)
     os.kill(process, signal.SIGSTOP)
     try:
-        wait_until(lambda: _robot(cell)["state"] == "disconnected", what="the silence")
         yield
     finally:
         os.kill(process, signal.SIGCONT)
+
+
+@contextmanager
+def _silent_robot(cell: JobCell) -> Iterator[None]:
+    """A robot that counts as disconnected."""
+    with _silent(cell, ROBOT):
+        wait_until(lambda: _robot(cell)["state"] == "disconnected", what="the silence")
+        yield
 
 
 @contextmanager

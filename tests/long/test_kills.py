@@ -1,7 +1,7 @@
 """Random kills and silences of all nodes lose no acknowledged change and no goal, and nothing is done twice.
 
-`KILLS`, `SILENCES`, `GOALS` and `JOBS` in the environment set how many; `KILLS=12 SILENCES=4 GOALS=8 JOBS=6` takes about
-a minute. A silent node is one that is stopped for seconds and then continues, as one behind a radio network.
+`KILLS`, `SILENCES`, `GOALS` and `JOBS` in the environment set how many; `KILLS=12 SILENCES=4 GOALS=8 JOBS=6` takes
+about a minute. A silent node is stopped for seconds and then continues, as one behind a radio network.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ import rospy
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName, WrongValue
 from skiros2_common.core.manager_names import matching_name
 from skiros2_common.core.names import nearest
-from skiros2_gateway.core.cell import Collected, Goal, GoalListener, Progress
+from skiros2_gateway.core.cell import Collected, Ending, Goal, GoalListener, Progress
 from skiros2_gateway.core.change_words import entry_sentences
 from skiros2_gateway.core.connection import connect
 from skiros2_gateway.core.deadline import remaining

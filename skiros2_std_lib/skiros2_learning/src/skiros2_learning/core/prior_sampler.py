@@ -22,6 +22,9 @@ It combines:
 - With constraints (`trial.set_constraint`) the acquisition is multiplied by the probability of feasibility (Gardner et
   al., "Bayesian Optimization with Inequality Constraints", 2014). Their values are compressed far from the limit
   (Eriksson and Poloczek, "Scalable Constrained Bayesian Optimization", 2021): the model is exact where it matters.
+- Trials without success (attribute `success_rate` of a trial is 0) count as no better than the worst one with success,
+  in each objective: a tool that touches nothing has the least force. As long as no trial has succeeded and an objective
+  has one value everywhere, trials are drawn: a model of equal values would only search the edges of the ranges.
 - Running trials count with the worst value, so that parallel trials differ.
 
 The random numbers of a trial depend on the seed and the number of the trial: a study that is resumed continues as it
@@ -59,9 +62,14 @@ _CANDIDATES, _REFINED, _AROUND = 1500, 5, 40
 _SPREADS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
 #: Attribute of a trial whose values are means of repetitions: their number, and the variance of each value over them.
 REPETITIONS = "repetitions"
+#: Attribute of a trial with criteria of success: the share of its executions that met them.
+SUCCESS_RATE = "success_rate"
+#: Share of the variance of values up to which their known noise counts. Trials that end at their first failure have no
+#: variance if they fail at once: that of successes and failures alone would hide the first success.
+_NOISE_SHARE = 0.2
 #: Repetitions that the variance of all trials counts for in that of one: a few equal ones do not mean certainty.
 _SHRINKAGE = 3.0
-#: With priors, each trial of this number among the first ones is uniform.
+#: With priors, each trial of this number among those without a model is uniform.
 _UNIFORM_SHARE = 3
 #: Logarithm of the odds of a prior that helps, before there are values.
 _TRUST = math.log(3.0)
@@ -134,16 +142,15 @@ class PriorSampler(BaseSampler):
         complete = [each for each in trials if each.state is TrialState.COMPLETE]
         random = np.random.default_rng([self._seed, trial.number])
         space = SearchSpace(search_space, self._priors, self._conditions)
+        is_uniform = trial.number % _UNIFORM_SHARE == _UNIFORM_SHARE - 1
+        without_model = SearchSpace(search_space, {}, self._conditions) if is_uniform else space
         if trial.number < self._startup:
-            start = np.random.default_rng(self._seed)
-            is_uniform = trial.number % _UNIFORM_SHARE == _UNIFORM_SHARE - 1
-            covering = (SearchSpace(search_space, {}, self._conditions) if is_uniform else space).covering(
-                self._startup, start
-            )
-            point = covering[trial.number]
+            point = without_model.covering(self._startup, np.random.default_rng(self._seed))[trial.number]
             return space.values(self._fitting(space, np.vstack([point, space.from_prior(_CANDIDATES, random)]))[0])
         if len(complete) < 2:
             return self.drawn(space, random)
+        if _is_plateau(complete):
+            return self.drawn(without_model, random)
         ended = [each for each in trials if each.state.is_finished()]
         running = [each for each in trials if each.state is TrialState.RUNNING]
         with threadpool_limits(1):  # the matrices are small: threads would cost more than they bring
@@ -349,6 +356,25 @@ def _feasible(trials: Sequence[FrozenTrial]) -> npt.NDArray[np.bool_]:
     return np.array([all(value <= 0.0 for value in each.constraints.values()) for each in trials])
 
 
+def _succeeded(trials: Sequence[FrozenTrial]) -> npt.NDArray[np.bool_]:
+    """Whether trials have succeeded at least once, shape (n,); true for those without criteria of success."""
+    return np.array([each.user_attrs.get(SUCCESS_RATE, 1.0) > 0.0 for each in trials], dtype=bool)
+
+
+def _is_plateau(trials: Sequence[FrozenTrial]) -> bool:
+    """Whether the values of trials do not show where to search: all objectives have one value everywhere, or one of
+    them while no trial has succeeded; so has each constraint."""
+    names = set.intersection(*(set(each.constraints) for each in trials))
+    limits = [[each.constraints[name] for each in trials] for name in names]
+    constant = [_is_constant(np.array(column)) for column in zip(*(each.values for each in trials), strict=True)]
+    is_hidden = all(constant) or (any(constant) and not _succeeded(trials).any())
+    return is_hidden and all(_is_constant(np.array(column)) for column in limits)
+
+
+def _is_constant(values: Array) -> bool:
+    return float(values.std()) < 1e-12 * max(1.0, float(np.abs(values).max()))
+
+
 def _scalarised(
     directions: Sequence[StudyDirection], trials: Sequence[FrozenTrial], random: np.random.Generator
 ) -> tuple[Array, Array]:
@@ -371,11 +397,16 @@ def _scalarised(
 
 def warped_objectives(directions: Sequence[StudyDirection], trials: Sequence[FrozenTrial]) -> tuple[Array, Array]:
     """Returns the values of trials, to be minimised and warped to be closer to normal ones, and their standard errors,
-    0 where these are not known; both of shape (n, m)."""
+    0 where these are not known; both of shape (n, m). Trials without success are at most as good as those with it."""
     signs = np.array([-1.0 if direction is StudyDirection.MAXIMIZE else 1.0 for direction in directions])
     values = np.array([each.values[: len(directions)] for each in trials]) * signs
+    succeeded = _succeeded(trials)
+    if succeeded.any():
+        values[~succeeded] = np.maximum(values[~succeeded], values[succeeded].max(axis=0))
     warped, slopes = map(np.column_stack, zip(*(_warped(column) for column in values.T), strict=True))
-    return warped, _standard_errors(trials, len(directions)) * slopes
+    noise = (_standard_errors(trials, len(directions)) * slopes) ** 2
+    limit = _NOISE_SHARE * warped.var(axis=0) / np.maximum(noise.mean(axis=0), 1e-100)
+    return warped, np.sqrt(noise * np.minimum(1.0, limit))
 
 
 def _standard_errors(trials: Sequence[FrozenTrial], count: int) -> Array:
@@ -393,9 +424,9 @@ def _standard_errors(trials: Sequence[FrozenTrial], count: int) -> Array:
 def _warped(values: Array) -> tuple[Array, Array]:
     """Returns values that are closer to normal ones, in the same order (Yeo and Johnson, "A New Family of Power
     Transformations to Improve Normality or Symmetry", 2000), and the slope of this map at each."""
-    spread = float(values.std())
-    if spread < 1e-12 * max(1.0, float(np.abs(values).max())):
+    if _is_constant(values):
         return values, np.ones_like(values)
+    spread = float(values.std())
     normal = (values - values.mean()) / spread
     logs = float((np.sign(normal) * np.log1p(np.abs(normal))).sum())
 

@@ -29,7 +29,7 @@ from optuna.trial import FrozenTrial, Trial, TrialState
 from skiros2_common.core.errors import ConfigurationError, Refused, UnknownName
 from skiros2_common.core.yaml_text import read_yaml
 from skiros2_learning.core.evaluation import Evaluation, seed_of
-from skiros2_learning.core.prior_sampler import REPETITIONS
+from skiros2_learning.core.prior_sampler import REPETITIONS, SUCCESS_RATE
 from skiros2_learning.core.ranking import pareto_optimal, ranked
 from skiros2_learning.core.samplers import distribution_of, make_sampler
 from skiros2_learning.core.scenario import Scenario, load_scenario
@@ -264,11 +264,11 @@ class LearningStudy:
         for name, violation in result.violations.items():
             trial.set_constraint(name, violation)
         names = [objective.name for objective in self.scenario.objectives]
-        values = [result.objectives[name] for name in names]
-        if (count := len(result.repetitions)) > 1:
-            variances = [variance(each.objectives[name] for each in result.repetitions) for name in names]
-            trial.set_user_attr(REPETITIONS, [count, variances])
-        self.optuna.tell(trial, values, skip_if_finished=True)
+        found = [[each.objectives[name] for each in result.repetitions] for name in names]
+        variances = [variance(each) if len(each) > 1 else 0.0 for each in found]
+        trial.set_user_attr(REPETITIONS, [len(result.repetitions), variances])
+        trial.set_user_attr(SUCCESS_RATE, result.success_rate)
+        self.optuna.tell(trial, [result.objectives[name] for name in names], skip_if_finished=True)
 
     @property
     def counted(self) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import logging
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -257,7 +256,6 @@ class SkillManager(DiscoverableNode):
             _catch_up(self._wmi)
             task_id = int(request.execution_id)
             scheduler.start(task_id, ticks)
-        time.sleep(0)  # the ticking thread gets the interpreter lock before this thread logs and answers
         if ticks and not scheduler.wait_until_idle([task_id], TICK_TIMEOUT):
             log.warning("task %s: its tick takes longer than %s s; it is paused after it", task_id, TICK_TIMEOUT)
         return task_id

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
+import time
 from collections.abc import Callable, Collection
 
 from skiros2_common.core.errors import Refused, RobotStopped, UnknownName
@@ -114,6 +115,7 @@ class Scheduler:
             scheduled.started = True
             scheduled.task.resume(ticks)
             self._request_tick(scheduled)
+        time.sleep(0)  # the ticking thread gets the interpreter lock before the caller logs and answers
 
     def preempt(self, task_id: int, by: str = "") -> None:
         """Preempts a task.

@@ -1,7 +1,6 @@
 """Scenes of 1000 to 100 000 elements: memory, an update, a lookup and a start, beside the smallest scene.
 
-Each size has a process of its own. A million elements take ten times as long to make, several minutes of CPU: more than
-the whole bench may take. `python3 -m benchmarks.size 1000000 FOLDER` in `tests` measures them.
+Each size has a process of its own. A million elements (`size_million`) take ten times as long.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ import random
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from benchmarks.measurement import Measurement
@@ -37,13 +36,14 @@ UNITS = {
 }
 
 
-def measure(folder: Path) -> Iterator[Measurement]:
-    found = {size: _in_own_process(folder, size) for size in SIZES}
-    least = found[SIZES[0]]
-    for size in SIZES[1:]:
+def measure(folder: Path, sizes: Sequence[int] = SIZES) -> Iterator[Measurement]:
+    """Measures the scenes, each beside the first one."""
+    found = {size: _in_own_process(folder, size) for size in sizes}
+    least = found[sizes[0]]
+    for size in sizes[1:]:
         for what, figure in found[size].items():
             name = f"scene of {size} elements: {what}"
-            peer = f"the same, {SIZES[0]} elements"
+            peer = f"the same, {sizes[0]} elements"
             yield Measurement(name, figure, UNITS[what], 1, peer, least[what], figure / least[what], FLAT)
 
 

@@ -8,6 +8,7 @@ import errno
 import importlib
 import logging
 import socket
+import sys
 import threading
 import time
 from pathlib import Path
@@ -60,12 +61,17 @@ _OTHERS = ("verbose", "debug", "address", "stop_address", "opcua_address")
 #: may have it for a moment.
 _PORT_TIMEOUT, _PORT_PERIOD = 5.0, 0.2
 
+#: How long a thread that computes, such as the one that makes OPC UA's nodes, keeps the loop waiting (s). With Python's
+#: 0.005 s, half of the requests in the first seconds took 17 ms, not 3.5 ms.
+_SWITCH_INTERVAL = 0.0005
+
 
 def main() -> None:
     """Serves until ROS shuts down.
 
     :raises ConfigurationError: parameters or files have mistakes; the text names all.
     """
+    sys.setswitchinterval(_SWITCH_INTERVAL)
     asyncio.run(_serve(_settings()))
 
 

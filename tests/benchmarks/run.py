@@ -30,10 +30,10 @@ PARTS = {
     "tf": NODE, "planning": FOLDER, "schedules": NOTHING, "replanning": NOTHING, "world_model": FOLDER,
     "journal": FOLDER, "weeks": FOLDER, "size": FOLDER, "fleet": NOTHING, "fleet_nodes": NODE, "simulation": NODE,
     "contact": NODE, "use_case": FOLDER, "bags": FOLDER, "window": NODE,
-    "size_million": FOLDER,
+    "size_million": FOLDER, "weeks_month": FOLDER,
 }  # fmt: skip
 #: Parts that are measured only when they are named: too long, or too large for some machines.
-ONLY_NAMED = {"size_million"}
+ONLY_NAMED = ("size_million", "weeks_month")
 
 
 def main() -> int:

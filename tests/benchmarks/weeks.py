@@ -1,7 +1,7 @@
 """A journal of weeks beside one of a morning: an update, `history`, `diff` and a restart must not cost more.
 
-A million entries stand for the ten million of a busy month: the rows are written to the file as requests write them,
-without the world model, which would take minutes.
+The rows are written to the file as requests write them, without the world model, which would take minutes for a million
+entries. `weeks_month` has the ten million of a busy month.
 """
 
 from __future__ import annotations
@@ -30,9 +30,10 @@ RECENT, LATEST = 500, 20
 FLAT = 1.5
 
 
-def measure(folder: Path) -> Iterator[Measurement]:
+def measure(folder: Path, entries: int = MANY) -> Iterator[Measurement]:
+    """Measures a journal with that number of entries beside a small one."""
     logging.disable(logging.WARNING)
-    few, many = (_Past(folder / f"weeks-{entries}.journal", folder, entries) for entries in (FEW, MANY))
+    few, many = (_Past(folder / f"weeks-{number}.journal", folder, number) for number in (FEW, entries))
     try:
         cases: list[tuple[str, str, Callable[[_Past], float], int]] = [
             ("an update", "µs", lambda past: past.update(), RUNS),
@@ -42,7 +43,7 @@ def measure(folder: Path) -> Iterator[Measurement]:
         ]
         for name, unit, call, runs in cases:
             yield paired(
-                f"journal of {MANY} entries: {name}",
+                f"journal of {entries} entries: {name}",
                 lambda call=call: call(many),  # type: ignore[misc]
                 f"the same, {FEW} entries",
                 lambda call=call: call(few),  # type: ignore[misc]

@@ -13,6 +13,7 @@ import pytest
 from skiros2_gateway.core.events import EventStream
 from skiros2_gateway.core.job import Method
 from skiros2_gateway.core.problems import Problem, WrongQuery
+from skiros2_world_model.core.wm_errors import WmException
 from support.http_gateway import curl, served
 from unit.skiros2_gateway.conftest import TOKENS
 
@@ -170,6 +171,22 @@ def test_wrong_query_is_a_bad_request(in_gateway: Run) -> None:
         async with served(gateway.service) as address:
             status, answer = await curl(address, "/api/world/query", token=TOKENS["view"], body={"query": "?"})
             assert (status, answer["code"], answer["problems"][0]["where"]) == (400, "wrong_query", "query")
+
+    in_gateway(test)
+
+
+@pytest.mark.parametrize(
+    ("code", "status"), [("conflict", 409), ("wrong_value", 422), ("unknown_name", 404), ("error", 503)]
+)
+def test_status_of_an_error_of_a_service_follows_from_its_code(in_gateway: Run, code: str, status: int) -> None:
+    async def test(gateway: Any) -> None:
+        async def query(*_: str) -> None:
+            raise WmException("the reason", code)
+
+        gateway.cell.query = query
+        async with served(gateway.service) as address:
+            answer = await curl(address, "/api/world/query", token=TOKENS["view"], body={"query": "?"})
+            assert (answer[0], answer[1]["code"]) == (status, code)
 
     in_gateway(test)
 

@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 
-from skiros2_common.core.errors import Conflict, Refused, TimedOut
+from skiros2_common.core.errors import Conflict, Refused, SkirosError, TimedOut
 from skiros2_gateway.core.keys import MAX_KEY
 from skiros2_gateway.core.problems import Rejected
+from skiros2_world_model.core.wm_errors import WmException
 from support.http_gateway import curl, served
 from support.stand_in_cell import ROBOT
 from unit.skiros2_gateway.conftest import TOKENS
@@ -61,17 +62,18 @@ def test_refused_command_may_be_sent_again_with_its_key(in_gateway: Run) -> None
     in_gateway(test)
 
 
-def test_command_whose_end_is_unknown_is_not_repeated(in_gateway: Run) -> None:
+@pytest.mark.parametrize("error", [TimedOut("no answer"), WmException("the service broke off")])
+def test_command_whose_end_is_unknown_is_not_repeated(in_gateway: Run, error: SkirosError) -> None:
     async def test(gateway: Any) -> None:
         calls = 0
 
         async def slow() -> None:
             nonlocal calls
             calls += 1
-            raise TimedOut("the cell has not answered")
+            raise error
 
         keys = gateway.service.keys
-        with pytest.raises(TimedOut):
+        with pytest.raises(type(error)):
             await keys.once("operate", "k", [], slow)
         with pytest.raises(Conflict, match="unknown how the command"):
             await keys.once("operate", "k", [], slow)

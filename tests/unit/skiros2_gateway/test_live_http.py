@@ -242,7 +242,7 @@ def test_strange_files_between_the_bags_hide_none(in_gateway: Run, tmp_path: Pat
             names = [bag["name"] for bag in (await live.get("/api/live/bags"))[1]["bags"]]
             assert sorted(names) == ["latin-\\xe9.bag", "run #1 100%?.bag"]
             status, problem = await live.get(f"/api/live/bags/{quote(names[0])}")
-            assert (status, problem["code"]) == (409, "error")  # it is empty
+            assert (status, problem["code"]) == (409, "bag")  # it is empty
             opened = (await live.get(f"/api/live/bags/{quote('run #1 100%?.bag')}"))[1]
             for key in opened["runs"]:
                 assert (await live.get(f"/api/live/runs/{quote(key)}"))[0] == 200

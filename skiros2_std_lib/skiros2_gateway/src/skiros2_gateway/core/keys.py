@@ -21,6 +21,8 @@ log = logging.getLogger(__name__)
 MAX_KEY = 200
 #: How many keys a `KeyMemory` has.
 MAX_IN_MEMORY = 2000
+#: Codes of errors after which a command may be carried out yet: the cell has not answered, in time or at all.
+_UNANSWERED = (TimedOut.code, SkirosError.code)
 
 
 class Keep(Enum):
@@ -140,10 +142,9 @@ class Keys:
             await self._synced(user, key)
         try:
             answer = await do()
-        except TimedOut:  # it may be carried out yet
-            raise
-        except (SkirosError, asyncio.CancelledError):
-            self._write(self._store.delete_key, user, key)
+        except (SkirosError, asyncio.CancelledError) as error:
+            if not (isinstance(error, SkirosError) and error.code in _UNANSWERED):
+                self._write(self._store.delete_key, user, key)
             raise
         if keep is Keep.AFTER:
             self._write(self._store.put_key, user, key, digest)

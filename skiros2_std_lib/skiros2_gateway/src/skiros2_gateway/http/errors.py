@@ -12,7 +12,7 @@ from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
 from skiros2_bags.core.bag_file import BagError
-from skiros2_common.core.errors import Conflict, Refused, SkirosError, TimedOut, UnknownName, WrongValue
+from skiros2_common.core.errors import Conflict, Refused, SkirosError, TimedOut, UnknownName, WrongType, WrongValue
 from skiros2_gateway.core.json_text import json_text
 from skiros2_gateway.core.keys import MAX_KEY
 from skiros2_gateway.core.problems import Denied, Rejected, TooMany, Unauthenticated, WrongQuery, field_problems
@@ -20,8 +20,10 @@ from skiros2_gateway.http.callers import COOKIE
 
 _STATUS: tuple[tuple[type[SkirosError], int], ...] = (
     (WrongQuery, 400), (Rejected, 422), (Denied, 403), (Unauthenticated, 401), (TooMany, 429), (UnknownName, 404),
-    (Conflict, 409), (Refused, 409), (BagError, 409), (TimedOut, 503), (WrongValue, 422),
+    (Conflict, 409), (Refused, 409), (BagError, 409), (TimedOut, 503), (WrongValue, 422), (WrongType, 422),
 )  # fmt: skip
+#: The same by code: errors of services have one class for all codes.
+_STATUS_OF_CODE = {kind.code: status for kind, status in _STATUS}
 
 _MEDIA_TYPE = "application/problem+json"
 _TEXTS = {
@@ -121,7 +123,8 @@ def problem(status: int, code: str, detail: str, **more: Any) -> Response:
 async def on_skiros_error(_: Request, error: Exception) -> Response:
     """Answers an error of the platform."""
     assert isinstance(error, SkirosError)
-    status = next((status for kind, status in _STATUS if isinstance(error, kind)), 503)
+    by_class = (status for kind, status in _STATUS if isinstance(error, kind))
+    status = next(by_class, _STATUS_OF_CODE.get(error.code, 503))
     more = {"problems": [each.to_dict() for each in error.problems]} if isinstance(error, Rejected) else {}
     response = problem(status, error.code, str(error), **more)
     if isinstance(error, TooMany):

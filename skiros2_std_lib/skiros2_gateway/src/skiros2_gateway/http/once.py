@@ -12,7 +12,7 @@ from fastapi import Request, Response
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from skiros2_common.core.errors import SkirosError, TimedOut
+from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 from skiros2_gateway.core.keys import MAX_KEY, Keep, keep_of
 from skiros2_gateway.core.problems import Problem, Rejected
 from skiros2_gateway.http.callers import caller_of, service_of
@@ -72,7 +72,7 @@ def _keep(path: str) -> Keep:
     return keep_of(path.rpartition("/")[2]) if path.startswith("/api/jobs/") else Keep.BEFORE
 
 
-class _Refused(SkirosError):
+class _Refused(Refused):
     """An answer with an error; nothing has changed."""
 
     def __init__(self, answer: dict[str, Any]) -> None:

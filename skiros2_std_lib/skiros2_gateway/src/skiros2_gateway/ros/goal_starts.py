@@ -83,8 +83,8 @@ class GoalStarts:
             try:
                 await self._in_thread(set_on_restart, goal.id, goal.on_restart)
                 return
-            except SkirosError as error:
-                if error.code != TimedOut.code or loop.time() > end:
+            except TimedOut as error:
+                if loop.time() > end:
                     raise
                 log.warning("job %s waits: %s", goal.id, error)
             await asyncio.sleep(_RETRY_DELAY)

@@ -19,7 +19,7 @@ import actionlib
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
 
-from skiros2_common.core.errors import Refused
+from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 from skiros2_common.ros.connections import ServerWatch
 from skiros2_common.ros.goal_server import ACTIVE
 from skiros2_gateway.core.cell import LOST, UNKNOWN, Ending, Goal, GoalListener, Progress
@@ -28,6 +28,7 @@ from skiros2_live.ros.goals import GoalTopics
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_task.ros.task_manager_interface import ACHIEVE_ACTION, ON_RESTART_SERVICE
+from skiros2_world_model.core.wm_errors import WmException
 from skiros2_world_model.ros.service_pool import ServicePool
 
 log = logging.getLogger(__name__)
@@ -232,11 +233,16 @@ class AchieveGoals:
 def set_on_restart(goal_id: str, on_restart: str) -> None:
     """Sets what happens to a goal when the task manager was restarted; see the service GoalOnRestart. Blocks.
 
-    :raises SkirosError: the task manager refuses, or does not answer.
+    :raises Refused: the task manager refuses.
+    :raises TimedOut: it does not answer.
     """
     service = ServicePool(ON_RESTART_SERVICE, srvs.GoalOnRestart)
     try:
         answer = service.call(srvs.GoalOnRestartRequest(goal_id, on_restart))
+    except WmException as error:
+        if error.code != SkirosError.code:
+            raise
+        raise TimedOut(str(error)) from error
     finally:
         service.close()
     if not answer.ok:

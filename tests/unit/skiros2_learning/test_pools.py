@@ -148,7 +148,7 @@ def test_study_continues_after_its_cluster_has_gone(tmp_path: Path, monkeypatch:
             if study.counted == 2:
                 found.close()
 
-        with pytest.raises(Unavailable, match="the cluster is gone"):
+        with pytest.raises(Unavailable):
             Runner(study, address(found), end).run()
     again = LearningStudy.open(tmp_path / "study")
     again.requeue_interrupted()

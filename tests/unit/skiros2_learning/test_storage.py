@@ -193,7 +193,6 @@ def test_several_runs_work_on_one_study_also_if_one_is_killed(file: Path, tmp_pa
     assert (rest.communicate(timeout=300)[1], rest.returncode) == ("", 0)
     found = study.results()
     assert 8 <= len(found) <= 9  # two runs may take the last one
-    assert len({each.configuration["x"] for each in found.values()}) == len(found)
     assert len({each.seed for each in found.values()}) == len(found)
     assert results_match(study)
     assert study.running_count == 0

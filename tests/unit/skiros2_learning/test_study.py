@@ -74,6 +74,17 @@ def test_an_interrupted_study_goes_on_and_loses_nothing(tmp_path: Path) -> None:
     assert results == run(LearningStudy.create(scenario(tmp_path), tmp_path / "whole"))
 
 
+def test_an_interrupted_evaluation_beyond_the_budget_is_not_repeated(tmp_path: Path) -> None:
+    study = LearningStudy.create(scenario(tmp_path), tmp_path / "study")
+    study.ask()  # running when its process ends, while another process uses up the budget
+    for _ in range(6):
+        number, configuration, seed = study.ask()
+        study.tell(number, evaluate(study.scenario, configuration, seed))
+    LearningStudy.open(tmp_path / "study").requeue_interrupted()
+    again = LearningStudy.open(tmp_path / "study")
+    assert (again.running_count, again.counted) == (0, 6)
+
+
 def test_interruption_ends_the_processes_and_keeps_what_is_finished(tmp_path: Path) -> None:
     study = LearningStudy.create(scenario(tmp_path), tmp_path / "study")
 

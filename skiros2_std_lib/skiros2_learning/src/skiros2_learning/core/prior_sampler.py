@@ -259,7 +259,7 @@ class PriorSampler(BaseSampler):
         close = space.near(good, third // len(good), 0.1, random)
         candidates = np.vstack([space.from_prior(third, random), space.uniform(third, random), close])
         candidates = self._fitting(space, candidates)
-        seen = {tuple(point) for point in observed}
+        seen = {tuple(point) for point in space.points([*trials.complete, *trials.running])}
         fresh = [i for i, point in enumerate(candidates) if tuple(point) not in seen]
         if fresh:  # of a small discrete space all values may have been tried
             candidates = candidates[fresh]

@@ -12,7 +12,7 @@ import logging
 import os
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -157,9 +157,9 @@ class LearningStudy:
 
         Only if no other process runs the study: the trials of a database may be running on other machines.
         """
-        lost = self._trials(TrialState.RUNNING)
+        lost, is_over = self._trials(TrialState.RUNNING), _is_over(self)
         for trial in lost:
-            if _RESULT in trial.user_attrs or configuration_problems(self.scenario.variables, trial.params):
+            if is_over or _RESULT in trial.user_attrs or configuration_problems(self.scenario.variables, trial.params):
                 self._reliably(lambda each=trial: self._end_interrupted(each))  # type: ignore[misc]
             else:
                 self._interrupted.append(trial.number)
@@ -264,9 +264,7 @@ class LearningStudy:
         for name, violation in result.violations.items():
             trial.set_constraint(name, violation)
         names = [objective.name for objective in self.scenario.objectives]
-        found = [[each.objectives[name] for each in result.repetitions] for name in names]
-        variances = [variance(each) if len(each) > 1 else 0.0 for each in found]
-        trial.set_user_attr(REPETITIONS, [len(result.repetitions), variances])
+        trial.set_user_attr(REPETITIONS, [len(result.repetitions), _variances(result, names)])
         trial.set_user_attr(SUCCESS_RATE, result.success_rate)
         self.optuna.tell(trial, [result.objectives[name] for name in names], skip_if_finished=True)
 
@@ -335,11 +333,12 @@ class LearningStudy:
             storage.record_heartbeat(storage.get_trial_id_from_study_id_trial_number(study, number))
 
     def _end_interrupted(self, trial: FrozenTrial) -> None:
-        """Ends an evaluation that was running: with its result if that was stored, else by a repetition."""
+        """Ends an evaluation that was running: with its stored result, else by a repetition, if the budget allows."""
         if _RESULT in trial.user_attrs:
             self._store(self._trial(trial.number), _result_of(trial))
             return
-        self._repeat(trial)
+        if not _is_over(self):
+            self._repeat(trial)
         self.optuna.tell(trial.number, state=TrialState.FAIL, skip_if_finished=True)
 
     def _repeat(self, trial: FrozenTrial) -> None:
@@ -360,6 +359,17 @@ class LearningStudy:
 
     def _reliably(self, work: Callable[[], T]) -> T:
         return _reliably(self.folder, self._url, work)
+
+
+def _is_over(study: LearningStudy) -> bool:
+    """Whether the budget is used up."""
+    return study.counted >= study.scenario.budget.evaluations
+
+
+def _variances(result: Evaluation, names: Sequence[str]) -> list[float]:
+    """Returns the variance of each objective over the repetitions; 0 for a single one."""
+    found = [[each.objectives[name] for each in result.repetitions] for name in names]
+    return [variance(each) if len(each) > 1 else 0.0 for each in found]
 
 
 def _reliably(folder: Path, url: str, work: Callable[[], T]) -> T:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections import defaultdict
 from typing import Any
 
 import pytest
@@ -24,6 +25,7 @@ class LostGoal:
     """A goal whose status is no longer received."""
 
     task = 7
+    done = False
     cancelled = 0
     is_closed = False
 
@@ -54,7 +56,7 @@ def test_step_that_fails_without_a_result_is_cancelled(is_closed: bool) -> None:
     runner: Any = object.__new__(ManagerStepRunner)  # without a node
     manager = Manager()
     manager.goal.is_closed = is_closed
-    runner._discovered, runner._agents = threading.Condition(), {NAME: manager}
+    runner._discovered, runner._agents, runner._runs = threading.Condition(), {NAME: manager}, defaultdict(set)
     ended = threading.Event()
     results: list[tuple[bool, int]] = []
 

@@ -14,9 +14,10 @@ from optuna.samplers import BaseSampler, RandomSampler, TPESampler
 from optuna.trial import Trial
 
 from skiros2_learning.core.evaluation import evaluate
-from skiros2_learning.core.prior_sampler import REPETITIONS, SUCCESS_RATE, PriorSampler
+from skiros2_learning.core.prior_sampler import PriorSampler
 from skiros2_learning.core.scenario import parse_scenario
 from skiros2_learning.core.study import LearningStudy
+from skiros2_learning.core.trial_values import REPETITIONS, SUCCESS_RATE
 from support.learning_scenarios import scenario_text
 
 #: Of the region of success: centre and half widths, of ranges from 0 to 1. With four variables 9 % of all executions

@@ -25,9 +25,10 @@ from botorch.utils.multi_objective.pareto import is_non_dominated
 from gpytorch.mlls import ExactMarginalLogLikelihood
 from linear_operator.utils.warnings import NumericalWarning
 
-from skiros2_learning.core.prior_sampler import PriorSampler, Trials, warped_objectives
+from skiros2_learning.core.prior_sampler import PriorSampler, Trials
 from skiros2_learning.core.search_space import Array
 from skiros2_learning.core.surrogate import Surrogate
+from skiros2_learning.core.trial_values import warped_objectives
 
 #: Samples of the values of one objective, and of several; points of one call. They limit time and memory.
 _SAMPLES, _SAMPLES_OF_SEVERAL, _AT_ONCE = 128, 64, 250
@@ -62,7 +63,7 @@ def _without_warnings() -> Iterator[None]:
 
 
 def _acquisition(trials: Trials, seed: int) -> AcquisitionFunction:
-    costs, errors = warped_objectives(trials.directions, trials.complete)
+    costs, errors = warped_objectives(trials.directions, trials.complete, trials.success_is_rare)
     points, gains = torch.from_numpy(trials.observed), torch.from_numpy(-costs)
     models = [
         _fitted(points, gains[:, i, None], torch.from_numpy(errors[:, i, None] ** 2), trials.space.nominal)

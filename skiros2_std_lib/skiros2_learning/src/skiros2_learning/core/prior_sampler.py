@@ -22,9 +22,10 @@ It combines:
 - With constraints (`trial.set_constraint`) the acquisition is multiplied by the probability of feasibility (Gardner et
   al., "Bayesian Optimization with Inequality Constraints", 2014). Their values are compressed far from the limit
   (Eriksson and Poloczek, "Scalable Constrained Bayesian Optimization", 2021): the model is exact where it matters.
-- Trials without success (attribute `success_rate` of a trial is 0) count as no better than the worst one with success,
-  in each objective: a tool that touches nothing has the least force. As long as no trial has succeeded and an objective
-  has one value everywhere, trials are drawn: a model of equal values would only search the edges of the ranges.
+- Without priors, trials without success (attribute `success_rate` of a trial is 0) count as no better than the worst
+  one with success, in each objective: a tool that touches nothing has the least force. As long as no trial has
+  succeeded and an objective has one value everywhere, trials are drawn: a model of equal values would only search the
+  edges of the ranges.
 - Running trials count with the worst value, so that parallel trials differ.
 
 The random numbers of a trial depend on the seed and the number of the trial: a study that is resumed continues as it
@@ -46,13 +47,12 @@ from optuna.samplers import BaseSampler
 from optuna.search_space import IntersectionSearchSpace
 from optuna.study import Study, StudyDirection
 from optuna.trial import FrozenTrial, TrialState
-from scipy.optimize import minimize_scalar
 from scipy.special import erfcx, expit, log_ndtr, ndtr
-from scipy.stats import yeojohnson
 from threadpoolctl import threadpool_limits
 
 from skiros2_learning.core.search_space import Array, Choice, Condition, Kernels, Normal, Prior, SearchSpace
 from skiros2_learning.core.surrogate import Surrogate, fit_surrogate
+from skiros2_learning.core.trial_values import is_plateau, warped_objectives
 
 __all__ = ["Choice", "Kernels", "Normal", "Prior", "PriorSampler"]
 
@@ -60,16 +60,7 @@ __all__ = ["Choice", "Kernels", "Normal", "Prior", "PriorSampler"]
 _CANDIDATES, _REFINED, _AROUND = 1500, 5, 40
 #: Deviations of the refinements, one after the other, relative to the ranges.
 _SPREADS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
-#: Attribute of a trial whose values are means of repetitions: their number, and the variance of each value over them.
-REPETITIONS = "repetitions"
-#: Attribute of a trial with criteria of success: the share of its executions that met them.
-SUCCESS_RATE = "success_rate"
-#: Share of the variance of values up to which their known noise counts. Trials that end at their first failure have no
-#: variance if they fail at once: that of successes and failures alone would hide the first success.
-_NOISE_SHARE = 0.2
-#: Repetitions that the variance of all trials counts for in that of one: a few equal ones do not mean certainty.
-_SHRINKAGE = 3.0
-#: With priors, each trial of this number among those without a model is uniform.
+#: With priors, each trial of this number among the first ones is uniform.
 _UNIFORM_SHARE = 3
 #: Logarithm of the odds of a prior that helps, before there are values.
 _TRUST = math.log(3.0)
@@ -142,19 +133,20 @@ class PriorSampler(BaseSampler):
         complete = [each for each in trials if each.state is TrialState.COMPLETE]
         random = np.random.default_rng([self._seed, trial.number])
         space = SearchSpace(search_space, self._priors, self._conditions)
-        is_uniform = trial.number % _UNIFORM_SHARE == _UNIFORM_SHARE - 1
-        without_model = SearchSpace(search_space, {}, self._conditions) if is_uniform else space
         if trial.number < self._startup:
-            point = without_model.covering(self._startup, np.random.default_rng(self._seed))[trial.number]
+            is_uniform = trial.number % _UNIFORM_SHARE == _UNIFORM_SHARE - 1
+            start = SearchSpace(search_space, {}, self._conditions) if is_uniform else space
+            point = start.covering(self._startup, np.random.default_rng(self._seed))[trial.number]
             return space.values(self._fitting(space, np.vstack([point, space.from_prior(_CANDIDATES, random)]))[0])
         if len(complete) < 2:
             return self.drawn(space, random)
-        if _is_plateau(complete):
-            return self.drawn(without_model, random)
+        if not self._priors and is_plateau(complete):
+            return self.drawn(space, random)
         ended = [each for each in trials if each.state.is_finished()]
         running = [each for each in trials if each.state is TrialState.RUNNING]
+        known = Trials(space, study.directions, complete, ended, running, random, not self._priors)
         with threadpool_limits(1):  # the matrices are small: threads would cost more than they bring
-            return self.suggested(Trials(space, study.directions, complete, ended, running, random))
+            return self.suggested(known)
 
     def drawn(self, space: SearchSpace, random: np.random.Generator) -> dict[str, Any]:
         """Returns values from the prior, by name, that satisfy the constraints between variables if any do."""
@@ -191,7 +183,7 @@ class PriorSampler(BaseSampler):
             return complete
         space = SearchSpace(self.infer_relative_search_space(study, complete[0]), {}, self._conditions)
         points, random = space.points(complete), np.random.default_rng(self._seed)
-        values, noise = _scalarised(study.directions[:1], complete, random)
+        values, noise = _scalarised(study.directions[:1], complete, random, not self._priors)
         with threadpool_limits(1):
             model = fit_surrogate(points, values, random, nominal=space.nominal, noise=noise)
             means, deviations = model.predict(points)
@@ -216,7 +208,7 @@ class PriorSampler(BaseSampler):
     def _acquisition(self, trials: Trials) -> _Acquisition:
         space, complete, running, random = trials.space, trials.complete, trials.running, trials.random
         observed = trials.observed
-        values, noise = _scalarised(trials.directions, complete, random)
+        values, noise = _scalarised(trials.directions, complete, random, trials.success_is_rare)
         model: Surrogate | None = None
         improvement = None
         strength = 0.0
@@ -284,6 +276,7 @@ class Trials:
     :param ended: also those that have failed or were pruned.
     :param running: in other threads or processes.
     :param random: numbers of this trial.
+    :param success_is_rare: see `warped_objectives`.
     """
 
     space: SearchSpace
@@ -292,6 +285,7 @@ class Trials:
     ended: Sequence[FrozenTrial]
     running: Sequence[FrozenTrial]
     random: np.random.Generator
+    success_is_rare: bool
 
     @cached_property
     def observed(self) -> Array:
@@ -356,34 +350,19 @@ def _feasible(trials: Sequence[FrozenTrial]) -> npt.NDArray[np.bool_]:
     return np.array([all(value <= 0.0 for value in each.constraints.values()) for each in trials])
 
 
-def _succeeded(trials: Sequence[FrozenTrial]) -> npt.NDArray[np.bool_]:
-    """Whether trials have succeeded at least once, shape (n,); true for those without criteria of success."""
-    return np.array([each.user_attrs.get(SUCCESS_RATE, 1.0) > 0.0 for each in trials], dtype=bool)
-
-
-def _is_plateau(trials: Sequence[FrozenTrial]) -> bool:
-    """Whether the values of trials do not show where to search: all objectives have one value everywhere, or one of
-    them while no trial has succeeded; so has each constraint."""
-    names = set.intersection(*(set(each.constraints) for each in trials))
-    limits = [[each.constraints[name] for each in trials] for name in names]
-    constant = [_is_constant(np.array(column)) for column in zip(*(each.values for each in trials), strict=True)]
-    is_hidden = all(constant) or (any(constant) and not _succeeded(trials).any())
-    return is_hidden and all(_is_constant(np.array(column)) for column in limits)
-
-
-def _is_constant(values: Array) -> bool:
-    return float(values.std()) < 1e-12 * max(1.0, float(np.abs(values).max()))
-
-
 def _scalarised(
-    directions: Sequence[StudyDirection], trials: Sequence[FrozenTrial], random: np.random.Generator
+    directions: Sequence[StudyDirection],
+    trials: Sequence[FrozenTrial],
+    random: np.random.Generator,
+    success_is_rare: bool,
 ) -> tuple[Array, Array]:
     """Returns one value per trial, to be minimised, and the variance of its noise as far as it is known. Several
     objectives have random weights.
 
     :param directions: of the first objectives, which count.
+    :param success_is_rare: see `warped_objectives`.
     """
-    warped, errors = warped_objectives(directions, trials)
+    warped, errors = warped_objectives(directions, trials, success_is_rare)
     if warped.shape[1] == 1:
         return warped[:, 0], errors[:, 0] ** 2
     low, high = warped.min(axis=0), warped.max(axis=0)
@@ -393,48 +372,3 @@ def _scalarised(
     scalarised: Array = weighted.max(axis=1) + _AUGMENTATION * weighted.sum(axis=1)
     noise: Array = ((errors / spread * weights) ** 2).max(axis=1)
     return scalarised, noise
-
-
-def warped_objectives(directions: Sequence[StudyDirection], trials: Sequence[FrozenTrial]) -> tuple[Array, Array]:
-    """Returns the values of trials, to be minimised and warped to be closer to normal ones, and their standard errors,
-    0 where these are not known; both of shape (n, m). Trials without success are at most as good as those with it."""
-    signs = np.array([-1.0 if direction is StudyDirection.MAXIMIZE else 1.0 for direction in directions])
-    values = np.array([each.values[: len(directions)] for each in trials]) * signs
-    succeeded = _succeeded(trials)
-    if succeeded.any():
-        values[~succeeded] = np.maximum(values[~succeeded], values[succeeded].max(axis=0))
-    warped, slopes = map(np.column_stack, zip(*(_warped(column) for column in values.T), strict=True))
-    noise = (_standard_errors(trials, len(directions)) * slopes) ** 2
-    limit = _NOISE_SHARE * warped.var(axis=0) / np.maximum(noise.mean(axis=0), 1e-100)
-    return warped, np.sqrt(noise * np.minimum(1.0, limit))
-
-
-def _standard_errors(trials: Sequence[FrozenTrial], count: int) -> Array:
-    """Returns the standard errors of the first values of trials, shape (n, count); 0 where they are not known."""
-    found = [each.user_attrs.get(REPETITIONS, (0, [0.0] * count)) for each in trials]
-    repetitions = np.array([[float(number)] for number, _ in found])
-    variances = np.array([values[:count] for _, values in found], dtype=float)
-    free = np.maximum(repetitions - 1.0, 0.0)
-    common = (free * variances).sum(axis=0) / max(1.0, float(free.sum()))
-    own = (_SHRINKAGE * common + free * variances) / (_SHRINKAGE + free)
-    errors: Array = np.where(repetitions > 0.0, np.sqrt(own / np.maximum(repetitions, 1.0)), 0.0)
-    return errors
-
-
-def _warped(values: Array) -> tuple[Array, Array]:
-    """Returns values that are closer to normal ones, in the same order (Yeo and Johnson, "A New Family of Power
-    Transformations to Improve Normality or Symmetry", 2000), and the slope of this map at each."""
-    if _is_constant(values):
-        return values, np.ones_like(values)
-    spread = float(values.std())
-    normal = (values - values.mean()) / spread
-    logs = float((np.sign(normal) * np.log1p(np.abs(normal))).sum())
-
-    def cost(power: float) -> float:
-        """Minus the log likelihood; that of SciPy takes ten times as long."""
-        return 0.5 * len(normal) * math.log(yeojohnson(normal, power).var()) - (power - 1.0) * logs
-
-    power, step = float(minimize_scalar(cost, bounds=(-3.0, 3.0), method="bounded").x), 1e-4
-    warped: Array = yeojohnson(normal, power)
-    slopes: Array = (yeojohnson(normal + step, power) - yeojohnson(normal - step, power)) / (2.0 * step * spread)
-    return warped, slopes

@@ -22,8 +22,9 @@ from smac.main.exceptions import ConfigurationSpaceExhaustedException
 from smac.multi_objective import ParEGO
 from smac.runhistory.dataclasses import TrialInfo, TrialValue
 
-from skiros2_learning.core.prior_sampler import PriorSampler, Trials, warped_objectives
+from skiros2_learning.core.prior_sampler import PriorSampler, Trials
 from skiros2_learning.core.search_space import Array, SearchSpace
+from skiros2_learning.core.trial_values import warped_objectives
 
 logging.getLogger("smac").setLevel(logging.ERROR)  # it warns that it has no initial design of its own
 
@@ -94,7 +95,7 @@ def _unit_space(space: SearchSpace, seed: int) -> ConfigurationSpace:
 
 def _costs(trials: Trials) -> Array:
     """Returns the values of trials for SMAC, to be minimised, shape (n, m)."""
-    costs, _ = warped_objectives(trials.directions, trials.complete)
+    costs, _ = warped_objectives(trials.directions, trials.complete, trials.success_is_rare)
     excess = np.array([max([0.0, *each.constraints.values()]) for each in trials.complete])
     worst = costs.max(axis=0) + np.ptp(costs, axis=0) * (excess / (excess.max() or 1.0))[:, None]
     found: Array = np.where(trials.feasible[:, None], costs, worst)

@@ -29,11 +29,11 @@ from optuna.trial import FrozenTrial, Trial, TrialState
 from skiros2_common.core.errors import ConfigurationError, Refused, UnknownName
 from skiros2_common.core.yaml_text import read_yaml
 from skiros2_learning.core.evaluation import Evaluation, seed_of
-from skiros2_learning.core.prior_sampler import REPETITIONS, SUCCESS_RATE
 from skiros2_learning.core.ranking import pareto_optimal, ranked
 from skiros2_learning.core.samplers import distribution_of, make_sampler
 from skiros2_learning.core.scenario import Scenario, load_scenario
 from skiros2_learning.core.storage import HEARTBEAT, StorageFailed, open_storage, public_name, repeat_stale, storing
+from skiros2_learning.core.trial_values import REPETITIONS, SUCCESS_RATE
 from skiros2_learning.core.variables import Value, Variable, configuration_problems
 
 log = logging.getLogger(__name__)

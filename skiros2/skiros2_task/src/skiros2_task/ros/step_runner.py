@@ -6,8 +6,8 @@ import logging
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable, Collection
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager, suppress
 from uuid import uuid4
 
 import rospy
@@ -113,12 +113,8 @@ class ManagerStepRunner(SkillLayerInterface):
         try:
             manager = self._find(run.step.call.manager)
             skill = skill_holder(run.step.call, self.offered)
-            self._runs[manager.name].add(run.id)
-            try:
+            with self._noted(run, manager):
                 seconds = run.execute(manager, skill, lambda: self.agents.get(manager.name) is manager)
-            finally:
-                if not run.may_run:
-                    self._runs[manager.name].discard(run.id)
             if seconds is not None:
                 self._durations.record(run.step.skill, manager.name, seconds)
         except SkirosError as error:
@@ -144,12 +140,19 @@ class ManagerStepRunner(SkillLayerInterface):
         known(is_known)
         if not is_known:
             return
-        self._runs[manager.name].add(run.id)
         try:
-            run.follow(manager, lambda: self.agents.get(manager.name) is manager)
+            with self._noted(run, manager):
+                run.follow(manager, lambda: self.agents.get(manager.name) is manager)
         except SkirosError as error:
             run.abandon()
             run.ended(False, str(error), ())
+
+    @contextmanager
+    def _noted(self, run: _StepRun, manager: SkillManagerInterface) -> Iterator[None]:
+        """Notes a run until its end is known."""
+        self._runs[manager.name].add(run.id)
+        try:
+            yield
         finally:
             if not run.may_run:
                 self._runs[manager.name].discard(run.id)
@@ -204,7 +207,7 @@ class ManagerStepRunner(SkillLayerInterface):
             if self._returning.get(manager.name) is manager:
                 del self._returning[manager.name]
                 manager.close()
-                self._runs[manager.name] -= runs
+                self._runs[manager.name].difference_update(runs)
                 self._add(manager.name)
 
 
